@@ -1,0 +1,324 @@
+//! Sixteen lanes, over the crate `wide`.
+
+use crate::{Index, Mask, Real, Record};
+use std::ops::{Add, AddAssign, BitAnd, BitOr, BitXor, Div, Mul, MulAssign, Neg, Not, Shl, Shr, Sub, SubAssign};
+use wide::{f32x16, u32x16};
+
+/// Sixteen numbers.
+#[derive(Clone, Copy, Debug, Default)]
+#[repr(transparent)]
+pub struct F32x16(f32x16);
+
+/// Sixteen truth values.
+#[derive(Clone, Copy, Debug)]
+#[repr(transparent)]
+pub struct Mask16(f32x16); // every lane's bits are all 0 or all 1
+
+/// Sixteen unsigned integers.
+#[derive(Clone, Copy, Debug)]
+#[repr(transparent)]
+pub struct Index16(u32x16);
+
+macro_rules! operator {
+    ($($type:ident: $($operator:ident $function:ident),*;)*) => {$($(
+        impl $operator for $type {
+            type Output = Self;
+            #[inline(always)]
+            fn $function(self, other: Self) -> Self {
+                Self(self.0.$function(other.0))
+            }
+        }
+    )*)*};
+}
+operator! {
+    F32x16: Add add, Sub sub, Mul mul, Div div;
+    Mask16: BitAnd bitand, BitOr bitor, BitXor bitxor;
+    Index16: Add add, Sub sub, Mul mul, BitAnd bitand, BitOr bitor, BitXor bitxor;
+}
+
+macro_rules! operator_f32 {
+    ($($operator:ident $function:ident),*) => {$(
+        impl $operator<f32> for F32x16 {
+            type Output = Self;
+            #[inline(always)]
+            fn $function(self, other: f32) -> Self {
+                Self(self.0.$function(f32x16::splat(other)))
+            }
+        }
+    )*};
+}
+operator_f32!(Add add, Sub sub, Mul mul, Div div);
+
+macro_rules! assign {
+    ($($operator:ident $function:ident $symbol:tt),*) => {$(
+        impl $operator for F32x16 {
+            #[inline(always)]
+            fn $function(&mut self, other: Self) {
+                *self = *self $symbol other;
+            }
+        }
+    )*};
+}
+assign!(AddAssign add_assign +, SubAssign sub_assign -, MulAssign mul_assign *);
+
+macro_rules! shift {
+    ($($operator:ident $function:ident),*) => {$(
+        impl $operator<u32> for Index16 {
+            type Output = Self;
+            #[inline(always)]
+            fn $function(self, by: u32) -> Self {
+                Self(self.0.$function(by))
+            }
+        }
+    )*};
+}
+shift!(Shl shl, Shr shr);
+
+impl Neg for F32x16 {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        Self(-self.0)
+    }
+}
+
+impl Not for Mask16 {
+    type Output = Self;
+    #[inline(always)]
+    fn not(self) -> Self {
+        Self(!self.0)
+    }
+}
+
+impl Not for Index16 {
+    type Output = Self;
+    #[inline(always)]
+    fn not(self) -> Self {
+        Self(!self.0)
+    }
+}
+
+#[inline(always)]
+fn integers(x: f32x16) -> u32x16 {
+    bytemuck::cast(x)
+}
+
+#[inline(always)]
+fn floats(x: u32x16) -> f32x16 {
+    bytemuck::cast(x)
+}
+
+impl Mask for Mask16 {
+    #[inline(always)]
+    fn splat(b: bool) -> Self {
+        Self(floats(u32x16::splat(if b { u32::MAX } else { 0 })))
+    }
+    #[inline(always)]
+    fn from_bits(bits: u32) -> Self {
+        let lane_bit = u32x16::new(std::array::from_fn(|i| 1 << i));
+        Self(floats((u32x16::splat(bits) & lane_bit).simd_eq(lane_bit)))
+    }
+    #[inline(always)]
+    fn bits(self) -> u32 {
+        self.0.to_bitmask()
+    }
+    #[inline(always)]
+    fn any(self) -> bool {
+        self.0.any()
+    }
+    #[inline(always)]
+    fn all(self) -> bool {
+        self.0.all()
+    }
+}
+
+impl Index for Index16 {
+    type Mask = Mask16;
+    #[inline(always)]
+    fn splat(i: u32) -> Self {
+        Self(u32x16::splat(i))
+    }
+    #[inline(always)]
+    fn lane(self, lane: usize) -> u32 {
+        self.0.as_array()[lane]
+    }
+    #[inline(always)]
+    fn with_lane(mut self, lane: usize, value: u32) -> Self {
+        self.0.as_mut_array()[lane] = value;
+        self
+    }
+    #[inline(always)]
+    fn eq(self, other: Self) -> Mask16 {
+        Mask16(floats(self.0.simd_eq(other.0)))
+    }
+    #[inline(always)]
+    fn lt(self, other: Self) -> Mask16 {
+        Mask16(floats(self.0.simd_lt(other.0)))
+    }
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        Self(self.0.min(other.0))
+    }
+    #[inline(always)]
+    fn select(mask: Mask16, a: Self, b: Self) -> Self {
+        Self(integers(mask.0.select(floats(a.0), floats(b.0))))
+    }
+}
+
+impl Real for F32x16 {
+    type Mask = Mask16;
+    type Index = Index16;
+    const LANES: usize = 16;
+
+    #[inline(always)]
+    fn splat(x: f32) -> Self {
+        Self(f32x16::splat(x))
+    }
+    #[inline(always)]
+    fn lane(self, lane: usize) -> f32 {
+        self.0.as_array()[lane]
+    }
+    #[inline(always)]
+    fn with_lane(mut self, lane: usize, value: f32) -> Self {
+        self.0.as_mut_array()[lane] = value;
+        self
+    }
+    #[inline(always)]
+    fn load(from: &[f32]) -> Self {
+        let lanes: [f32; 16] = from[..16].try_into().expect("sixteen values");
+        Self(f32x16::new(lanes))
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [f32]) {
+        to[..16].copy_from_slice(self.0.as_array());
+    }
+    #[inline(always)]
+    fn compress(self, mask: Mask16, to: &mut [f32]) -> usize {
+        assert!(to.len() >= 16);
+        #[cfg(target_feature = "avx512f")]
+        {
+            use std::arch::x86_64::{_mm512_loadu_ps, _mm512_maskz_compress_ps, _mm512_storeu_ps};
+            let bits = mask.bits() as u16;
+            // SAFETY: AVX-512F is there (cfg); sixteen floats are read from sixteen, and `to` holds at least the
+            // sixteen that are written (assert).
+            unsafe {
+                let lanes = _mm512_loadu_ps(self.0.as_array().as_ptr());
+                _mm512_storeu_ps(to.as_mut_ptr(), _mm512_maskz_compress_ps(bits, lanes));
+            }
+            bits.count_ones() as usize
+        }
+        #[cfg(not(target_feature = "avx512f"))]
+        {
+            let (lanes, bits) = (self.0.as_array(), mask.bits());
+            let mut n = 0;
+            for (lane, value) in lanes.iter().enumerate() {
+                to[n.min(15)] = *value;
+                n += (bits >> lane & 1) as usize;
+            }
+            n
+        }
+    }
+    #[inline(always)]
+    fn select(mask: Mask16, a: Self, b: Self) -> Self {
+        Self(mask.0.select(a.0, b.0))
+    }
+    #[inline(always)]
+    fn lt(self, other: Self) -> Mask16 {
+        Mask16(self.0.simd_lt(other.0))
+    }
+    #[inline(always)]
+    fn le(self, other: Self) -> Mask16 {
+        Mask16(self.0.simd_le(other.0))
+    }
+    #[inline(always)]
+    fn eq(self, other: Self) -> Mask16 {
+        Mask16(self.0.simd_eq(other.0))
+    }
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        if cfg!(target_arch = "x86_64") { Self(self.0.fast_min(other.0)) } else { Self::select(self.lt(other), self, other) }
+    }
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        if cfg!(target_arch = "x86_64") { Self(self.0.fast_max(other.0)) } else { Self::select(self.gt(other), self, other) }
+    }
+    #[inline(always)]
+    fn mul_add(self, m: Self, a: Self) -> Self {
+        Self(self.0.mul_add(m.0, a.0))
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        Self(self.0.sqrt())
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        Self(self.0.abs())
+    }
+    #[inline(always)]
+    fn floor(self) -> Self {
+        Self(self.0.floor())
+    }
+    #[inline(always)]
+    fn to_bits(self) -> Index16 {
+        Index16(integers(self.0))
+    }
+    #[inline(always)]
+    fn from_bits(bits: Index16) -> Self {
+        Self(floats(bits.0))
+    }
+    #[inline(always)]
+    fn from_index(i: Index16) -> Self {
+        Self(f32x16::from_i32x16(bytemuck::cast(i.0)))
+    }
+    #[inline(always)]
+    fn to_index(self) -> Index16 {
+        Index16(bytemuck::cast(self.0.trunc_int()))
+    }
+    #[inline(always)]
+    fn record(table: &[Record], index: Index16) -> [Self; 4] {
+        assert!(!table.is_empty());
+        let last = u32::try_from(table.len() - 1).unwrap_or(u32::MAX);
+        let at = index.min(Index::splat(last)).0;
+        let at = at.as_array();
+        #[cfg(target_feature = "avx512f")]
+        {
+            use std::arch::x86_64::{
+                __m512, _mm_load_ps, _mm512_castpd_ps, _mm512_castps_pd, _mm512_castps128_ps512, _mm512_insertf32x4,
+                _mm512_unpackhi_pd, _mm512_unpackhi_ps, _mm512_unpacklo_pd, _mm512_unpacklo_ps,
+            };
+            // Register k takes the records of lanes k, k+4, k+8 and k+12; transposing the 4×4 blocks of four such
+            // registers then leaves the lanes in order.
+            // SAFETY: AVX-512F is there (cfg); every index was clamped to the table, whose records are 16-aligned.
+            let lanes: [[f32; 16]; 4] = unsafe {
+                let one = |lane: usize| _mm_load_ps(table.get_unchecked(at[lane] as usize).0.as_ptr());
+                let four = |k: usize| {
+                    let r = _mm512_castps128_ps512(one(k));
+                    let r = _mm512_insertf32x4::<1>(r, one(k + 4));
+                    let r = _mm512_insertf32x4::<2>(r, one(k + 8));
+                    _mm512_insertf32x4::<3>(r, one(k + 12))
+                };
+                let (a, b, c, d) = (four(0), four(1), four(2), four(3));
+                let (ab_xy, ab_zw) = (_mm512_unpacklo_ps(a, b), _mm512_unpackhi_ps(a, b));
+                let (cd_xy, cd_zw) = (_mm512_unpacklo_ps(c, d), _mm512_unpackhi_ps(c, d));
+                let low = |p, q| _mm512_castpd_ps(_mm512_unpacklo_pd(_mm512_castps_pd(p), _mm512_castps_pd(q)));
+                let high = |p, q| _mm512_castpd_ps(_mm512_unpackhi_pd(_mm512_castps_pd(p), _mm512_castps_pd(q)));
+                let lanes = [low(ab_xy, cd_xy), high(ab_xy, cd_xy), low(ab_zw, cd_zw), high(ab_zw, cd_zw)];
+                std::mem::transmute::<[__m512; 4], [[f32; 16]; 4]>(lanes)
+            };
+            lanes.map(|l| Self(f32x16::new(l)))
+        }
+        #[cfg(not(target_feature = "avx512f"))]
+        {
+            // SAFETY: every index was clamped to the table.
+            let one = |lane: usize| unsafe { table.get_unchecked(at[lane] as usize).0 };
+            let mut out = [[0.0; 16]; 4];
+            for lane in 0..16 {
+                let r = one(lane);
+                for word in 0..4 {
+                    out[word][lane] = r[word];
+                }
+            }
+            out.map(|l| Self(f32x16::new(l)))
+        }
+    }
+}

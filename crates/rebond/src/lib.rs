@@ -1,0 +1,4 @@
+//! Light transport.
+#![forbid(unsafe_code)]
+
+pub mod film;
