@@ -18,7 +18,7 @@
 //! ```
 
 pub mod math;
-mod scalar;
+pub mod scalar;
 mod x16;
 
 pub use x16::{F32x16, Index16, Mask16};

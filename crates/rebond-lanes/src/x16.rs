@@ -236,11 +236,19 @@ impl Real for F32x16 {
     }
     #[inline(always)]
     fn min(self, other: Self) -> Self {
-        if cfg!(target_arch = "x86_64") { Self(self.0.fast_min(other.0)) } else { Self::select(self.lt(other), self, other) }
+        if cfg!(target_arch = "x86_64") {
+            Self(self.0.fast_min(other.0))
+        } else {
+            Self::select(self.lt(other), self, other)
+        }
     }
     #[inline(always)]
     fn max(self, other: Self) -> Self {
-        if cfg!(target_arch = "x86_64") { Self(self.0.fast_max(other.0)) } else { Self::select(self.gt(other), self, other) }
+        if cfg!(target_arch = "x86_64") {
+            Self(self.0.fast_max(other.0))
+        } else {
+            Self::select(self.gt(other), self, other)
+        }
     }
     #[inline(always)]
     fn mul_add(self, m: Self, a: Self) -> Self {

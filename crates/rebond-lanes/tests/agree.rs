@@ -32,7 +32,8 @@ macro_rules! check {
 }
 
 fn numbers() -> impl Strategy<Value = [f32; 16]> {
-    let any = prop_oneof![8 => -100.0f32..100.0, 2 => any::<f32>(), 1 => Just(0.0f32), 1 => Just(-0.0f32), 1 => Just(1.0f32)];
+    let any =
+        prop_oneof![8 => -100.0f32..100.0, 2 => any::<f32>(), 1 => Just(0.0f32), 1 => Just(-0.0f32), 1 => Just(1.0f32)];
     prop::array::uniform16(any)
 }
 

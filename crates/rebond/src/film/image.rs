@@ -61,7 +61,8 @@ impl Layer {
     /// A layer of the channels R, G, B.
     pub fn rgb(name: &str, pixels: &[[f32; 3]]) -> Self {
         let channels = ["R", "G", "B"].iter().enumerate();
-        let channel = |(i, c): (usize, &&str)| Channel { name: c.to_string(), data: pixels.iter().map(|p| p[i]).collect() };
+        let channel =
+            |(i, c): (usize, &&str)| Channel { name: c.to_string(), data: pixels.iter().map(|p| p[i]).collect() };
         Self { name: name.into(), channels: channels.map(channel).collect() }
     }
 }

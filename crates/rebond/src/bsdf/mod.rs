@@ -1,0 +1,289 @@
+//! How surfaces scatter: `f_r`, without the cosine.
+//!
+//! A [`Bsdf`] is plain data: which model, its parameters, the frame it stands in. The models are one file each, in
+//! local coordinates (z = shading normal); this file dispatches over the models present among the lanes and holds the
+//! two things that are the same for all: the agreement of shading and geometric normals, and the correction that makes
+//! scattering with shading normals adjoint (Veach 1997, §5.3.2). Directions point away from the surface.
+
+mod blinn_phong;
+mod conductor;
+mod dielectric;
+mod diffuse;
+pub mod fresnel;
+mod ggx;
+mod mirror;
+mod phong;
+mod rough_conductor;
+mod rough_dielectric;
+
+use crate::math::{Frame, Rgb, Vec3};
+use crate::sampling::PdfSolidAngle;
+use rebond_lanes::{Index, Mask, Real};
+
+/// What is carried along a path: radiance when it starts at the camera, importance when it starts at a light.
+/// Refraction scales radiance by 1/η² but not power, and shading normals make scattering asymmetric; both corrections
+/// hang on this.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TransportMode {
+    /// The path starts at the camera; the direction sampled is where light comes from.
+    Radiance,
+    /// The path starts at a light; the direction sampled is where light goes.
+    Importance,
+}
+
+/// The models.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Model {
+    /// Lambert's.
+    Diffuse = 0,
+    /// The perfect mirror.
+    Mirror,
+    /// Smooth glass.
+    Dielectric,
+    /// Smooth metal.
+    Conductor,
+    /// GGX glass.
+    RoughDielectric,
+    /// GGX metal.
+    RoughConductor,
+    /// Phong's, energy-conserving.
+    Phong,
+    /// Phong's as the lecture prints it.
+    PhongLecture,
+    /// Blinn and Phong's, energy-conserving.
+    BlinnPhong,
+    /// Blinn and Phong's as the lecture prints it.
+    BlinnPhongLecture,
+}
+
+impl Model {
+    /// Every model, in the order of their numbers.
+    pub const ALL: [Model; 10] = [
+        Model::Diffuse,
+        Model::Mirror,
+        Model::Dielectric,
+        Model::Conductor,
+        Model::RoughDielectric,
+        Model::RoughConductor,
+        Model::Phong,
+        Model::PhongLecture,
+        Model::BlinnPhong,
+        Model::BlinnPhongLecture,
+    ];
+
+    /// Whether all of its light leaves in one or two single directions, which no other sampler can find.
+    pub fn is_specular(self) -> bool {
+        matches!(self, Model::Mirror | Model::Dielectric | Model::Conductor)
+    }
+}
+
+/// The parameters of a model; each says which it reads.
+#[derive(Clone, Copy, Debug)]
+pub struct Lobe<F: Real> {
+    /// Reflectance or tint.
+    pub color: Rgb<F>,
+    /// Further parameters.
+    pub p: [F; 8],
+}
+
+/// The value of a BSDF for a pair of directions and the density with which it samples the second given the first.
+#[derive(Clone, Copy, Debug)]
+pub struct BsdfValue<F: Real> {
+    /// `f_r`, in sr⁻¹, without the cosine. Specular models have none.
+    pub f: Rgb<F>,
+    /// Density.
+    pub pdf: PdfSolidAngle<F>,
+}
+
+/// A direction drawn from a BSDF.
+#[derive(Clone, Copy, Debug)]
+pub struct BsdfSample<F: Real> {
+    /// The direction.
+    pub w: Vec3<F>,
+    /// `f_r · |cosθ| / pdf`; black where the sample failed.
+    pub weight: Rgb<F>,
+    /// Density; for specular models the probability of the branch that was taken.
+    pub pdf: PdfSolidAngle<F>,
+    /// Whether the direction is one that only this sampler finds.
+    pub specular: F::Mask,
+    /// Relative index of refraction that the path passed (side of `w` over side of the known direction); 1 for
+    /// reflection.
+    pub eta: F,
+}
+
+impl<F: Real> BsdfValue<F> {
+    fn zero() -> Self {
+        Self { f: Rgb::black(), pdf: PdfSolidAngle(F::zero()) }
+    }
+    fn masked(self, mask: F::Mask) -> Self {
+        Self { f: self.f.masked(mask), pdf: PdfSolidAngle(F::select(mask, self.pdf.0, F::zero())) }
+    }
+}
+
+impl<F: Real> BsdfSample<F> {
+    /// A sample of a model with a density, in reflection.
+    #[inline(always)]
+    fn glossy(w: Vec3<F>, weight: Rgb<F>, pdf: F) -> Self {
+        Self { w, weight, pdf: PdfSolidAngle(pdf), specular: F::Mask::splat(false), eta: F::one() }
+    }
+    fn failed() -> Self {
+        Self::glossy(Vec3::splat([0.0, 0.0, 1.0]), Rgb::black(), F::zero())
+    }
+    #[inline(always)]
+    fn select(mask: F::Mask, a: Self, b: Self) -> Self {
+        Self {
+            w: Vec3::select(mask, a.w, b.w),
+            weight: Rgb::select(mask, a.weight, b.weight),
+            pdf: PdfSolidAngle(F::select(mask, a.pdf.0, b.pdf.0)),
+            specular: (mask & a.specular) | b.specular.and_not(mask),
+            eta: F::select(mask, a.eta, b.eta),
+        }
+    }
+}
+
+/// A BSDF at a point.
+#[derive(Clone, Copy, Debug)]
+pub struct Bsdf<F: Real> {
+    /// Model of each lane.
+    model: F::Index,
+    /// Bit m: some lane has model m.
+    present: u32,
+    lobe: Lobe<F>,
+    /// Shading frame.
+    frame: Frame<F>,
+    /// Geometric normal.
+    ng: Vec3<F>,
+}
+
+impl<F: Real> Bsdf<F> {
+    /// A BSDF. `candidates` has bit m set for each model m that the lanes of `mask` may have.
+    #[inline(always)]
+    pub fn new(model: F::Index, candidates: u32, lobe: Lobe<F>, frame: Frame<F>, ng: Vec3<F>, mask: F::Mask) -> Self {
+        let present = if candidates.is_power_of_two() {
+            candidates
+        } else {
+            let is_there = |m: u32| candidates >> m & 1 == 1 && (model.eq(F::Index::splat(m)) & mask).any();
+            (0..Model::ALL.len() as u32).filter(|m| is_there(*m)).fold(0, |bits, m| bits | 1 << m)
+        };
+        Self { model, present, lobe, frame, ng }
+    }
+
+    /// The shading normal.
+    pub fn normal(&self) -> Vec3<F> {
+        self.frame.n
+    }
+
+    /// Lanes whose model is specular: their light arrives only along sampled directions.
+    #[inline(always)]
+    pub fn is_specular(&self) -> F::Mask {
+        let specular = Model::ALL.into_iter().filter(|m| m.is_specular() && self.present >> *m as u32 & 1 == 1);
+        specular.fold(F::Mask::splat(false), |s, m| s | self.model.eq(F::Index::splat(m as u32)))
+    }
+
+    /// Calls `f` for each model present, with its lanes.
+    #[inline(always)]
+    fn each_model(&self, mask: F::Mask, mut f: impl FnMut(Model, F::Mask)) {
+        if self.present.is_power_of_two() {
+            return f(Model::ALL[self.present.trailing_zeros() as usize], mask);
+        }
+        for model in Model::ALL {
+            if self.present >> model as u32 & 1 == 1 {
+                f(model, mask & self.model.eq(F::Index::splat(model as u32)));
+            }
+        }
+    }
+
+    /// Lanes in which `w` lies on the same side of the shading and of the geometric surface. Elsewhere light would
+    /// leak through, so the BSDF is 0 there.
+    #[inline(always)]
+    fn consistent(&self, w: Vec3<F>, local_z: F) -> F::Mask {
+        (local_z * self.ng.dot(w)).gt(F::zero())
+    }
+
+    /// Veach's correction for shading normals: 1 for radiance.
+    #[inline(always)]
+    fn adjoint(&self, mode: TransportMode, known: Vec3<F>, known_z: F, other: Vec3<F>, other_z: F) -> F {
+        match mode {
+            TransportMode::Radiance => F::one(),
+            TransportMode::Importance => {
+                let factor = (known_z * self.ng.dot(other)) / (self.ng.dot(known) * other_z);
+                F::select(factor.is_finite(), factor.abs(), F::zero())
+            }
+        }
+    }
+
+    /// `f_r` for the directions `known` (towards the start of the path) and `other`, and the density of sampling
+    /// `other` given `known`. Zero for specular models.
+    #[inline(always)]
+    pub fn eval(&self, known: Vec3<F>, other: Vec3<F>, mode: TransportMode, mask: F::Mask) -> BsdfValue<F> {
+        let (a, b) = (self.frame.to_local(known), self.frame.to_local(other));
+        let mask = mask & self.consistent(known, a.z) & self.consistent(other, b.z);
+        let mut value = BsdfValue::zero();
+        self.each_model(mask, |model, lanes| {
+            let v = match model {
+                Model::Mirror | Model::Dielectric | Model::Conductor => return,
+                Model::Diffuse => diffuse::eval(&self.lobe, a, b),
+                Model::RoughDielectric => rough_dielectric::eval(&self.lobe, a, b, mode),
+                Model::RoughConductor => rough_conductor::eval(&self.lobe, a, b),
+                Model::Phong => phong::eval(&self.lobe, a, b),
+                Model::PhongLecture => phong::eval_lecture(&self.lobe, a, b),
+                Model::BlinnPhong => blinn_phong::eval(&self.lobe, a, b),
+                Model::BlinnPhongLecture => blinn_phong::eval_lecture(&self.lobe, a, b),
+            };
+            let v = v.masked(lanes);
+            value = BsdfValue { f: value.f + v.f, pdf: PdfSolidAngle(value.pdf.0 + v.pdf.0) };
+        });
+        value.f = value.f * self.adjoint(mode, known, a.z, other, b.z);
+        value
+    }
+
+    /// A direction given `known`, from three numbers in [0, 1): two for the direction, one for the choice of a lobe.
+    #[inline(always)]
+    pub fn sample(&self, known: Vec3<F>, u: [F; 2], choice: F, mode: TransportMode, mask: F::Mask) -> BsdfSample<F> {
+        let a = self.frame.to_local(known);
+        let mask = mask & self.consistent(known, a.z);
+        let mut sample = BsdfSample::failed();
+        self.each_model(mask, |model, lanes| {
+            let s = match model {
+                Model::Diffuse => diffuse::sample(&self.lobe, a, u),
+                Model::Mirror => mirror::sample(&self.lobe, a),
+                Model::Dielectric => dielectric::sample(&self.lobe, a, choice, mode),
+                Model::Conductor => conductor::sample(&self.lobe, a),
+                Model::RoughDielectric => rough_dielectric::sample(&self.lobe, a, u, choice, mode),
+                Model::RoughConductor => rough_conductor::sample(&self.lobe, a, u),
+                Model::Phong => phong::sample(&self.lobe, a, u),
+                Model::PhongLecture => phong::sample_lecture(&self.lobe, a, u),
+                Model::BlinnPhong => blinn_phong::sample(&self.lobe, a, u),
+                Model::BlinnPhongLecture => blinn_phong::sample_lecture(&self.lobe, a, u),
+            };
+            sample = if lanes.all() { s } else { BsdfSample::select(lanes, s, sample) };
+        });
+        let (z, w) = (sample.w.z, self.frame.to_world(sample.w));
+        let good = mask & self.consistent(w, z);
+        sample.w = w;
+        sample.weight = sample.weight.masked(good) * self.adjoint(mode, known, a.z, w, z);
+        sample
+    }
+}
+
+/// The mirror direction of w about z.
+#[inline(always)]
+fn reflect<F: Real>(w: Vec3<F>) -> Vec3<F> {
+    crate::math::vec3(-w.x, -w.y, w.z)
+}
+
+/// The mirror direction of w about a unit vector h.
+#[inline(always)]
+fn reflect_about<F: Real>(w: Vec3<F>, h: Vec3<F>) -> Vec3<F> {
+    h * (w.dot(h) * 2.0) - w
+}
+
+/// Lanes in which both directions are above the surface.
+#[inline(always)]
+fn both_above<F: Real>(a: Vec3<F>, b: Vec3<F>) -> F::Mask {
+    a.z.gt(F::zero()) & b.z.gt(F::zero())
+}
+
+#[cfg(test)]
+mod tests;

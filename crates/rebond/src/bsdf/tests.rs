@@ -1,0 +1,252 @@
+//! Every model: χ² of its sampler against its density, weight = f·cos/pdf, reciprocity, energy, both widths.
+
+use super::*;
+use crate::math::vec3;
+use crate::testing::{SIGNIFICANCE, chi2_directions, random_pairs, t_test_p_value};
+use rebond_lanes::{F32x16, scalar::Index1};
+
+fn lobe(p: [f32; 8]) -> Lobe<f32> {
+    Lobe { color: Rgb::splat([0.9, 0.8, 0.7]), p }
+}
+
+/// Gold, rough glass, and so on: (name, model, parameters).
+fn models() -> Vec<(&'static str, Model, [f32; 8])> {
+    let metal = |ax, ay| [0.143, 0.375, 1.442, 3.983, 2.386, 1.603, ax, ay];
+    let glass = |eta, ax, ay| [eta, 0.0, 0.0, 0.0, 0.0, 0.0, ax, ay];
+    let r = |r| [r, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    vec![
+        ("diffuse", Model::Diffuse, [0.0; 8]),
+        ("mirror", Model::Mirror, [0.0; 8]),
+        ("glass", Model::Dielectric, glass(1.5, 0.0, 0.0)),
+        ("gold", Model::Conductor, metal(0.0, 0.0)),
+        ("rough gold", Model::RoughConductor, metal(0.3, 0.3)),
+        ("brushed gold", Model::RoughConductor, metal(0.5, 0.15)),
+        ("rough glass", Model::RoughDielectric, glass(1.5, 0.3, 0.3)),
+        ("brushed glass", Model::RoughDielectric, glass(1.33, 0.6, 0.2)),
+        ("rough air in glass", Model::RoughDielectric, glass(1.0 / 1.5, 0.4, 0.4)),
+        ("phong 60", Model::Phong, r(60.0)),
+        ("phong 3", Model::Phong, r(3.0)),
+        ("lecture's phong 60", Model::PhongLecture, r(60.0)),
+        ("blinn-phong 60", Model::BlinnPhong, r(60.0)),
+        ("blinn-phong 2", Model::BlinnPhong, r(2.0)),
+        ("lecture's blinn-phong 60", Model::BlinnPhongLecture, r(60.0)),
+    ]
+}
+
+fn bsdf(model: Model, p: [f32; 8]) -> Bsdf<f32> {
+    let n = vec3(0.3, -0.5, 0.8).normalized();
+    let frame = Frame::with_tangent(n, vec3(1.0, 0.2, 0.1));
+    Bsdf::new(Index1(model as u32), 1 << model as u32, lobe(p), frame, n, true)
+}
+
+/// Directions from nearly upright to grazing, above and below.
+fn directions() -> impl Iterator<Item = Vec3<f32>> {
+    let angles = [(3.0_f32, 10.0_f32), (40.0, 100.0), (75.0, 250.0), (120.0, 33.0), (160.0, 200.0)];
+    angles.into_iter().map(|(theta, phi)| {
+        let (t, p) = (theta.to_radians(), phi.to_radians());
+        vec3(t.sin() * p.cos(), t.sin() * p.sin(), t.cos())
+    })
+}
+
+#[test]
+fn samples_follow_their_densities() {
+    for (name, model, p) in models() {
+        let bsdf = bsdf(model, p);
+        if model.is_specular() {
+            continue;
+        }
+        for local in directions() {
+            let known = bsdf.frame.to_world(local);
+            let mode = TransportMode::Radiance;
+            let sample = |u: [f32; 2]| {
+                // A third number for the lobe, from digits of the two that the bins do not see.
+                let choice = (u[0] * 4096.0).fract();
+                let s = bsdf.sample(known, u, choice, mode, true);
+                s.weight.is_lit().then(|| bsdf.frame.to_local(s.w))
+            };
+            let pdf = |w| bsdf.eval(known, bsdf.frame.to_world(w), mode, true).pdf.0;
+            if random_pairs(1000).any(|u| sample(u).is_some()) {
+                chi2_directions(&format!("{name} from {local:?}"), sample, pdf);
+            }
+        }
+    }
+}
+
+#[test]
+fn weights_are_value_times_cosine_over_density() {
+    for (name, model, p) in models() {
+        let bsdf = bsdf(model, p);
+        if model.is_specular() {
+            continue;
+        }
+        for local in directions() {
+            let known = bsdf.frame.to_world(local);
+            for (i, u) in random_pairs(300).enumerate() {
+                for mode in [TransportMode::Radiance, TransportMode::Importance] {
+                    let s = bsdf.sample(known, u, i as f32 / 300.0, mode, true);
+                    if !s.weight.is_lit() {
+                        continue;
+                    }
+                    let v = bsdf.eval(known, s.w, mode, true);
+                    let cos = s.w.dot(bsdf.frame.n).abs();
+                    // Grazing directions lose digits in the cosine.
+                    let tolerance = 1e-3 + 2e-6 / cos;
+                    assert!(
+                        (v.pdf.0 / s.pdf.0 - 1.0).abs() < tolerance,
+                        "{name}: density {} drawn, {} evaluated",
+                        s.pdf.0,
+                        v.pdf.0
+                    );
+                    assert!(
+                        (v.f.g * cos / v.pdf.0 / s.weight.g - 1.0).abs() < tolerance,
+                        "{name}: weight {} against {}",
+                        s.weight.g,
+                        v.f.g * cos / v.pdf.0
+                    );
+                }
+            }
+        }
+    }
+}
+
+/// The largest asymmetry of f over random pairs of directions; refraction is reciprocal up to η².
+fn asymmetry(model: Model, p: [f32; 8]) -> f32 {
+    let bsdf = bsdf(model, p);
+    let sphere = |u| bsdf.frame.to_world(crate::sampling::warp::uniform_sphere(u));
+    let pairs: Vec<_> = random_pairs(4000).collect();
+    let worst = pairs.chunks(2).map(|c| {
+        let (a, b) = (sphere(c[0]), sphere(c[1]));
+        let f = |a, b| bsdf.eval(a, b, TransportMode::Importance, true).f.g;
+        let (forth, back) = (f(a, b), f(b, a));
+        // f(a→b)/η_b² is symmetric; here `Importance` leaves η² out, so scale by the index of the side of the first.
+        let index =
+            |w: Vec3<f32>| if model == Model::RoughDielectric && w.dot(bsdf.frame.n) < 0.0 { p[0] } else { 1.0 };
+        let (forth, back) = (forth / index(b).powi(2), back / index(a).powi(2));
+        // Near the critical angle transmittance tends to 0 and loses its digits; hence not quite relative.
+        (forth - back).abs() / (forth.max(back) + 0.05)
+    });
+    worst.fold(0.0, f32::max)
+}
+
+/// Albedo: the mean weight. With `n` samples, and as samples.
+fn albedo(model: Model, p: [f32; 8], local: Vec3<f32>) -> Vec<f64> {
+    let mut bsdf = bsdf(model, p);
+    bsdf.lobe.color = Rgb::white();
+    let known = bsdf.frame.to_world(local);
+    let weights = random_pairs(40_000).map(|u| {
+        let s = bsdf.sample(known, u, (u[1] * 4096.0).fract(), TransportMode::Importance, true);
+        f64::from(s.weight.g)
+    });
+    weights.collect()
+}
+
+#[test]
+fn properties_hold_and_the_lectures_slips_show() {
+    for (name, model, p) in models() {
+        if model.is_specular() {
+            continue;
+        }
+        let reciprocal = asymmetry(model, p) < 2e-3;
+        assert_eq!(reciprocal, model != Model::PhongLecture, "{name}: asymmetry {}", asymmetry(model, p));
+        let mean = |w: Vec<f64>| w.iter().sum::<f64>() / w.len() as f64;
+        let largest = directions().map(|d| mean(albedo(model, p, d))).fold(0.0, f64::max);
+        if !matches!(model, Model::PhongLecture | Model::BlinnPhongLecture) {
+            assert!(largest < 1.005, "{name}: albedo {largest}");
+        }
+    }
+    // The lecture's Blinn-Phong reflects much more than it receives: (r+1)/2π · 8π(2^{−r/2}+r)/((r+2)(r+4)) → 4.
+    let blinn = albedo(Model::BlinnPhongLecture, [60.0; 8], vec3(0.0, 0.0, 1.0));
+    let exact = 61.0 * 4.0 * (2.0_f64.powi(-30) + 60.0) / (62.0 * 64.0);
+    assert!(t_test_p_value(&blinn, exact) > SIGNIFICANCE);
+    // The corrected one has albedo 1 there, and so has corrected Phong.
+    for model in [Model::BlinnPhong, Model::Phong] {
+        for r in [2.0, 60.0] {
+            let a = albedo(model, [r; 8], vec3(0.0, 0.0, 1.0));
+            assert!(t_test_p_value(&a, 1.0) > SIGNIFICANCE, "{model:?} {r}");
+        }
+    }
+}
+
+#[test]
+fn smooth_glass_keeps_power_and_squeezes_radiance() {
+    let glass = bsdf(Model::Dielectric, [1.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    for local in directions() {
+        let known = glass.frame.to_world(local);
+        let (reflected, rest) = (glass.sample(known, [0.5; 2], 0.0, TransportMode::Importance, true), 0.999_999);
+        assert!((glass.frame.to_local(reflected.w) - vec3(-local.x, -local.y, local.z)).length() < 1e-5);
+        let power = glass.sample(known, [0.5; 2], rest, TransportMode::Importance, true);
+        let radiance = glass.sample(known, [0.5; 2], rest, TransportMode::Radiance, true);
+        let eta = if local.z > 0.0 { 1.5_f32 } else { 1.0 / 1.5 };
+        if power.eta == 1.0 {
+            assert!(local.z < 0.0, "only the inside reflects totally");
+            continue;
+        }
+        assert_eq!(power.eta, eta);
+        assert!((radiance.weight.r * eta * eta - power.weight.r).abs() < 1e-6);
+        // Snell: the tangential part shrinks by η, the side changes.
+        let out = glass.frame.to_local(power.w);
+        assert!((out.x * eta + local.x).abs() < 1e-5 && out.z * local.z < 0.0);
+        assert!((reflected.pdf.0 + power.pdf.0 - 1.0).abs() < 1e-6);
+    }
+}
+
+#[test]
+fn rough_surfaces_tend_to_smooth_ones() {
+    // At α = 0.002 the albedo of rough glass and gold is Fresnel's to a fraction of a percent.
+    let up = vec3(0.6, 0.0, 0.8);
+    let gold = albedo(Model::RoughConductor, [0.143, 0.375, 1.442, 3.983, 2.386, 1.603, 0.002, 0.002], up);
+    let exact = fresnel::conductor(0.8_f32, Rgb::splat([0.143, 0.375, 1.442]), Rgb::splat([3.983, 2.386, 1.603])).g;
+    let mean = gold.iter().sum::<f64>() / gold.len() as f64;
+    assert!((mean - f64::from(exact)).abs() < 1e-3, "{mean} against {exact}");
+}
+
+#[test]
+fn shading_normals_are_corrected_in_one_mode_only() {
+    let ng = vec3(0.0, 0.0, 1.0);
+    let frame = Frame::around(vec3(0.3_f32, 0.0, 1.0).normalized());
+    let b = Bsdf::new(Index1(0), 1, lobe([0.0; 8]), frame, ng, true);
+    let (x, y) = (vec3(0.5, 0.5, 0.7).normalized(), vec3(-0.2, 0.1, 0.9).normalized());
+    let radiance = |a, b_| b.eval(a, b_, TransportMode::Radiance, true).f.r;
+    let importance = |a, b_| b.eval(a, b_, TransportMode::Importance, true).f.r;
+    // Veach: f*(a, b) |b·ns|/|b·ng| = f(b, a) |a·ns|/|a·ng|.
+    let side = |w: Vec3<f32>| w.dot(frame.n) / w.dot(ng);
+    assert!((importance(x, y) * side(y) - radiance(y, x) * side(x)).abs() < 1e-6);
+    // A direction between the two surfaces sees nothing.
+    let between = vec3(0.9, 0.0, -0.15).normalized();
+    assert!(between.dot(frame.n) > 0.0 && radiance(x, between) == 0.0 && radiance(between, x) == 0.0);
+}
+
+/// A wide BSDF of mixed models gives each lane what a narrow one gives.
+#[test]
+fn lanes_agree_with_single_points() {
+    let all = models();
+    let lanes: Vec<_> = (0..16).map(|i| all[i % all.len()]).collect();
+    let gather = |f: &dyn Fn(usize) -> f32| (0..16).fold(F32x16::splat(0.0), |v, i| v.with_lane(i, f(i)));
+    let narrow: Vec<Bsdf<f32>> = lanes.iter().map(|(_, m, p)| bsdf(*m, *p)).collect();
+    let model = (0..16).fold(<F32x16 as Real>::Index::splat(0), |v, i| v.with_lane(i, lanes[i].1 as u32));
+    let p = std::array::from_fn(|k| gather(&|i| lanes[i].2[k]));
+    let wide_vector = |v: Vec3<f32>| Vec3::<F32x16>::splat([v.x, v.y, v.z]);
+    let f = narrow[0].frame;
+    let frame = Frame { s: wide_vector(f.s), t: wide_vector(f.t), n: wide_vector(f.n) };
+    let mask = <F32x16 as Real>::Mask::splat(true);
+    let color = Rgb::splat([0.9, 0.8, 0.7]);
+    let wide = Bsdf::new(model, (1 << Model::ALL.len()) - 1, Lobe { color, p }, frame, frame.n, mask);
+    for local in directions() {
+        let known = f.to_world(local);
+        for u in random_pairs(50) {
+            let mode = TransportMode::Radiance;
+            let s = wide.sample(wide_vector(known), u.map(F32x16::splat), F32x16::splat(u[0]), mode, mask);
+            let other = f.to_world(crate::sampling::warp::uniform_sphere(u));
+            let v = wide.eval(wide_vector(known), wide_vector(other), mode, mask);
+            for lane in 0..16 {
+                let one = narrow[lane].sample(known, u, u[0], mode, true);
+                assert_eq!(s.weight.lane(lane), one.weight.lane(0), "{}", lanes[lane].0);
+                if one.weight.is_lit() {
+                    assert_eq!((s.w.lane(lane), s.pdf.0.lane(lane)), (one.w.lane(0), one.pdf.0), "{}", lanes[lane].0);
+                }
+                let value = narrow[lane].eval(known, other, mode, true);
+                assert_eq!((v.f.lane(lane), v.pdf.0.lane(lane)), (value.f.lane(0), value.pdf.0), "{}", lanes[lane].0);
+            }
+        }
+    }
+}

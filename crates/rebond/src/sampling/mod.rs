@@ -1,0 +1,12 @@
+//! Random numbers as a pure function, and what turns them into points, directions and choices.
+
+mod discrete;
+mod grid;
+mod measure;
+mod sampler;
+pub mod warp;
+
+pub use discrete::Discrete;
+pub use grid::Grid;
+pub use measure::{PdfArea, PdfSolidAngle};
+pub use sampler::{Sampler, SamplerSettings, Stream};

@@ -1,0 +1,311 @@
+//! Sample values: a pure function of (seed, pixel, sample index, dimension).
+//!
+//! Nothing here has state, so any one sample of any pixel can be replayed, by any thread, in any lane, in any order.
+//!
+//! The default is Owen-scrambled Sobol points, padded: every pair of dimensions takes the first two Sobol dimensions
+//! under an index shuffle and a scramble of its own, both by hashing (Burley, "Practical hash-based Owen scrambling",
+//! JCGT 2020), with the permutation of Laine and Karras as improved by Vegdahl (2021). Every run of 2ᵏ samples that
+//! starts at a multiple of 2ᵏ is a (0, m, 2)-net in each pair.
+
+use rebond_lanes::{Index, Real};
+use serde::{Deserialize, Serialize};
+
+/// Which sample values to use.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub enum SamplerSettings {
+    /// Owen-scrambled Sobol points, padded in pairs.
+    Sobol {},
+    /// Independent, uniform.
+    Independent {},
+    /// Jittered strata: each block of `samples` samples (rounded up to a power of two) has one sample in every stratum.
+    Stratified {
+        /// Samples per block; 64 if not given.
+        #[serde(default = "stratified_block")]
+        samples: u32,
+    },
+}
+
+fn stratified_block() -> u32 {
+    64
+}
+
+impl Default for SamplerSettings {
+    fn default() -> Self {
+        Self::Sobol {}
+    }
+}
+
+/// A source of sample values.
+#[derive(Clone, Copy, Debug)]
+pub struct Sampler {
+    settings: SamplerSettings,
+    seed: u32,
+    /// log₂ of the number of strata.
+    strata_bits: u32,
+}
+
+/// One sample of one pixel: what the values of all its dimensions hang on.
+#[derive(Clone, Copy, Debug)]
+pub struct Stream<F: Real> {
+    pixel_hash: F::Index,
+    index: F::Index,
+    sampler: Sampler,
+}
+
+/// A good mixer of 32 bits (Wellons' `lowbias32`).
+#[inline(always)]
+fn mix<I: Index>(x: I) -> I {
+    let x = (x ^ (x >> 16)) * I::splat(0x7feb_352d);
+    let x = (x ^ (x >> 15)) * I::splat(0x846c_a68b);
+    x ^ (x >> 16)
+}
+
+/// Laine–Karras permutation, Vegdahl's constants: bit k of the result hangs on bits 0..=k of `x` only.
+#[inline(always)]
+fn laine_karras<I: Index>(x: I, seed: I) -> I {
+    let x = x ^ (x * I::splat(0x3d20_adea));
+    let x = x + seed;
+    let x = x * ((seed >> 16) | I::splat(1));
+    let x = x ^ (x * I::splat(0x0552_6c56));
+    x ^ (x * I::splat(0x53a2_2864))
+}
+
+/// The second Sobol dimension with its bits reversed: bit j is the sum of the bits k ⊇ j (Pascal's matrix modulo 2, by
+/// Lucas' theorem), one step per bit of the positions.
+#[inline(always)]
+fn sobol_second_reversed<I: Index>(index: I) -> I {
+    let mut x = index;
+    for (shift, without) in [(1, 0x5555_5555), (2, 0x3333_3333), (4, 0x0f0f_0f0f), (8, 0x00ff_00ff), (16, 0x0000_ffff)]
+    {
+        x = x ^ ((x >> shift) & I::splat(without));
+    }
+    x
+}
+
+/// A permutation of the integers below 2^bits.
+#[inline(always)]
+fn permute<I: Index>(x: I, bits: u32, seed: I) -> I {
+    let mask = I::splat((1_u64 << bits).wrapping_sub(1) as u32);
+    let half = bits.div_ceil(2).max(1);
+    let mut x = (x ^ seed) & mask;
+    for (factor, shift) in [(0x9e37_79b1, 3), (0x85eb_ca6b, 9), (0xc2b2_ae35, 17)] {
+        x = (x * I::splat(factor) + (seed >> shift)) & mask;
+        x = x ^ (x >> half);
+    }
+    x
+}
+
+/// 24 bits to [0, 1).
+#[inline(always)]
+fn unit<F: Real>(bits: F::Index) -> F {
+    F::from_index(bits >> 8) * (1.0 / 16_777_216.0)
+}
+
+impl Sampler {
+    /// The sampler of these settings; different seeds give independent values.
+    pub fn new(settings: SamplerSettings, seed: u64) -> Self {
+        use rebond_lanes::scalar::Index1;
+        let seed = mix(Index1(seed as u32 ^ 0x5bd1_e995)) ^ mix(Index1((seed >> 32) as u32) + Index1(1));
+        let strata_bits = match settings {
+            SamplerSettings::Stratified { samples } => samples.clamp(1, 1 << 20).next_power_of_two().ilog2(),
+            _ => 0,
+        };
+        Self { settings, seed: seed.0, strata_bits }
+    }
+
+    /// The values of one sample of one pixel.
+    #[inline(always)]
+    pub fn stream<F: Real>(&self, pixel: F::Index, index: F::Index) -> Stream<F> {
+        Stream { pixel_hash: mix(pixel ^ F::Index::splat(self.seed)), index, sampler: *self }
+    }
+}
+
+impl<F: Real> Stream<F> {
+    #[inline(always)]
+    fn hash(&self, dimension: F::Index) -> F::Index {
+        mix(self.pixel_hash + dimension * F::Index::splat(0x9e37_79b9))
+    }
+
+    /// The value of one dimension, in [0, 1). It stands for itself: [`Stream::pair`] of the same dimension is not
+    /// independent of it.
+    #[inline(always)]
+    pub fn value(&self, dimension: F::Index) -> F {
+        let h = self.hash(dimension);
+        match self.sampler.settings {
+            SamplerSettings::Sobol {} => {
+                // The van der Corput sequence under an Owen scramble; the shuffle of the index gives each dimension an
+                // order of its own.
+                let shuffled = laine_karras(self.index.reverse_bits(), h).reverse_bits();
+                unit(laine_karras(shuffled, mix(h)).reverse_bits())
+            }
+            SamplerSettings::Independent {} => unit(mix(self.index * F::Index::splat(0x2c1b_3c6d) ^ h)),
+            SamplerSettings::Stratified { .. } => {
+                let (stratum, jitter) = self.stratum(h);
+                (F::from_index(stratum) + unit::<F>(jitter)) * (1.0 / (1_u32 << self.sampler.strata_bits) as f32)
+            }
+        }
+        .min(F::splat(ONE_MINUS_EPSILON))
+    }
+
+    /// The values of two dimensions, each in [0, 1), spread well over the square.
+    #[inline(always)]
+    pub fn pair(&self, dimension: F::Index) -> [F; 2] {
+        let h = self.hash(dimension);
+        let below_one = F::splat(ONE_MINUS_EPSILON);
+        match self.sampler.settings {
+            SamplerSettings::Sobol {} => {
+                let shuffled = laine_karras(self.index.reverse_bits(), h).reverse_bits();
+                let h2 = mix(h);
+                let x = laine_karras(shuffled, h2).reverse_bits();
+                let y = laine_karras(sobol_second_reversed(shuffled), mix(h2)).reverse_bits();
+                [unit(x), unit(y)]
+            }
+            SamplerSettings::Independent {} => {
+                let x = mix(self.index * F::Index::splat(0x2c1b_3c6d) ^ h);
+                [unit(x), unit(mix(x ^ F::Index::splat(0x68bc_21eb)))]
+            }
+            SamplerSettings::Stratified { .. } => {
+                let (stratum, jitter) = self.stratum(h);
+                let columns = self.sampler.strata_bits / 2;
+                let rows = self.sampler.strata_bits - columns;
+                let x = F::from_index(stratum & F::Index::splat((1 << columns) - 1)) + unit::<F>(jitter);
+                let y = F::from_index(stratum >> columns) + unit::<F>(mix(jitter));
+                let x = x * (1.0 / (1_u32 << columns) as f32);
+                [x.min(below_one), (y * (1.0 / (1_u32 << rows) as f32)).min(below_one)]
+            }
+        }
+    }
+
+    /// This sample's stratum within its block, and random bits.
+    #[inline(always)]
+    fn stratum(&self, h: F::Index) -> (F::Index, F::Index) {
+        let bits = self.sampler.strata_bits;
+        let block = self.index >> bits;
+        let within = self.index & F::Index::splat((1 << bits) - 1);
+        let seed = mix(h ^ block * F::Index::splat(0x27d4_eb2f));
+        (permute(within, bits, seed), mix(seed ^ mix(within)))
+    }
+}
+
+/// The largest f32 below one.
+pub const ONE_MINUS_EPSILON: f32 = 1.0 - f32::EPSILON / 2.0;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rebond_lanes::{F32x16, scalar::Index1};
+
+    const ALL: [SamplerSettings; 3] =
+        [SamplerSettings::Sobol {}, SamplerSettings::Independent {}, SamplerSettings::Stratified { samples: 64 }];
+
+    fn stream(settings: SamplerSettings, pixel: u32, index: u32) -> Stream<f32> {
+        Sampler::new(settings, 7).stream(Index1(pixel), Index1(index))
+    }
+
+    #[test]
+    fn lanes_draw_the_numbers_of_single_paths() {
+        for settings in ALL {
+            let sampler = Sampler::new(settings, 3);
+            let lane_number = (0..16).fold(Index::splat(0), |v: <F32x16 as Real>::Index, i| v.with_lane(i, i as u32));
+            for (pixel, index, dimension) in [(0, 0, 0), (77, 1000, 3), (1 << 30, 12345, 40)] {
+                let at = |base: u32| lane_number * Index::splat(17) + Index::splat(base);
+                let wide = sampler.stream::<F32x16>(at(pixel), at(index));
+                let (value, pair) = (wide.value(at(dimension)), wide.pair(at(dimension)));
+                for lane in 0..16 {
+                    let one = |base: u32| Index1(base + 17 * lane as u32);
+                    let narrow = sampler.stream::<f32>(one(pixel), one(index));
+                    assert_eq!(value.lane(lane), narrow.value(one(dimension)));
+                    assert_eq!([pair[0].lane(lane), pair[1].lane(lane)], narrow.pair(one(dimension)));
+                }
+            }
+        }
+    }
+
+    /// The second Sobol dimension from its direction numbers: primitive polynomial x + 1, m₁ = 1, so that
+    /// v_{k+1} = v_k ⊕ v_k/2.
+    #[test]
+    fn second_dimension_is_sobols() {
+        let mut v = [1_u32 << 31; 32];
+        for k in 1..32 {
+            v[k] = v[k - 1] ^ (v[k - 1] >> 1);
+        }
+        for index in (0..100_000_u32).chain([u32::MAX, 0x8765_4321]) {
+            let sobol = (0..32).filter(|k| index >> k & 1 == 1).fold(0, |s, k| s ^ v[k]);
+            assert_eq!(sobol_second_reversed(Index1(index)).0.reverse_bits(), sobol);
+        }
+    }
+
+    /// Each aligned run of 64 samples has one point in every elementary interval of volume 1/64.
+    #[test]
+    fn sobol_pairs_are_nets() {
+        for (pixel, start, dimension) in [(0, 0, 0), (5, 64, 1), (999, 640, 6)] {
+            let points: Vec<[f32; 2]> =
+                (start..start + 64).map(|i| stream(ALL[0], pixel, i).pair(Index1(dimension))).collect();
+            for columns in 0..=6 {
+                let (nx, ny) = (1 << columns, 64 >> columns);
+                let mut seen = [false; 64];
+                for [x, y] in &points {
+                    let cell = (x * nx as f32) as usize * ny + (y * ny as f32) as usize;
+                    assert!(!std::mem::replace(&mut seen[cell], true), "{nx}×{ny} cells");
+                }
+            }
+            let mut seen = [false; 64];
+            for i in start..start + 64 {
+                let cell = (stream(ALL[0], pixel, i).value(Index1(dimension)) * 64.0) as usize;
+                assert!(!std::mem::replace(&mut seen[cell], true));
+            }
+        }
+    }
+
+    #[test]
+    fn strata_are_each_hit_once() {
+        for (pixel, block, dimension) in [(0, 0, 0), (8, 3, 5)] {
+            let (mut line, mut square) = ([0; 64], [0; 64]);
+            for i in block * 64..(block + 1) * 64 {
+                let s = stream(ALL[2], pixel, i);
+                line[(s.value(Index1(dimension)) * 64.0) as usize] += 1;
+                let [x, y] = s.pair(Index1(dimension));
+                square[(x * 8.0) as usize * 8 + (y * 8.0) as usize] += 1;
+            }
+            assert_eq!((line, square), ([1; 64], [1; 64]));
+        }
+    }
+
+    /// χ² of the joint distribution of any two values that one path or neighbouring paths use.
+    #[test]
+    fn dimensions_pixels_and_samples_are_uncorrelated() {
+        for settings in ALL {
+            // (first, second) value of draw i: across dimensions, across pixels, across seeds of a pair.
+            type Draw = fn(SamplerSettings, u32) -> (f32, f32);
+            let draws: [Draw; 4] = [
+                |s, i| (stream(s, i, 0).value(Index1(0)), stream(s, i, 0).value(Index1(1))),
+                |s, i| (stream(s, i, 3).pair(Index1(2))[1], stream(s, i + 1, 3).pair(Index1(2))[1]),
+                |s, i| (stream(s, i, 5).pair(Index1(4))[0], stream(s, i, 5).pair(Index1(5))[0]),
+                |s, i| (stream(s, i, 9).pair(Index1(4))[0], stream(s, i, 10).value(Index1(6))),
+            ];
+            for (which, draw) in draws.iter().enumerate() {
+                let n = 65_536;
+                let mut cells = [0_u32; 256];
+                for i in 0..n {
+                    let (a, b) = draw(settings, i);
+                    cells[(a * 16.0) as usize * 16 + (b * 16.0) as usize] += 1;
+                }
+                let expected = f64::from(n) / 256.0;
+                let chi2: f64 = cells.iter().map(|c| (f64::from(*c) - expected).powi(2) / expected).sum();
+                let p = crate::testing::chi2_p_value(chi2, 255.0);
+                assert!(p > 1e-4, "{settings:?}, draw {which}: χ² {chi2}, p {p}");
+            }
+        }
+    }
+
+    #[test]
+    fn sobol_converges_faster_than_one_over_root_n() {
+        // ∫₀¹ √(1−x²) dx = π/4 with 4096 samples: error far below the 3.5e-3 of independent samples.
+        let (mut sum, n) = (0.0, 4096);
+        for i in 0..n {
+            sum += (1.0 - f64::from(stream(ALL[0], 1, i).value(Index1(0))).powi(2)).sqrt();
+        }
+        assert!((sum / f64::from(n) - std::f64::consts::FRAC_PI_4).abs() < 5e-5);
+    }
+}
