@@ -1,2 +1,10 @@
 //! Scene files and images to and from rebond's types: bytes in, values out.
 #![forbid(unsafe_code)]
+
+pub mod deserialize;
+pub mod document;
+mod error;
+
+pub use deserialize::{from_settings, from_toml};
+pub use document::Document;
+pub use error::{Error, Place};
