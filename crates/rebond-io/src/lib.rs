@@ -4,7 +4,9 @@
 pub mod deserialize;
 pub mod document;
 mod error;
+pub mod images;
 
 pub use deserialize::{from_settings, from_toml};
 pub use document::Document;
 pub use error::{Error, Place};
+pub use images::{ImageFormat, PngOptions, Tonemap, read_image, read_image_raw, write_image};
