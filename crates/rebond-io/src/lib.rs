@@ -5,8 +5,10 @@ pub mod deserialize;
 pub mod document;
 mod error;
 pub mod images;
+pub mod meshes;
 
 pub use deserialize::{from_settings, from_toml};
 pub use document::Document;
 pub use error::{Error, Place};
 pub use images::{ImageFormat, PngOptions, Tonemap, read_image, read_image_raw, write_image};
+pub use meshes::{MeshData, read_mesh, read_obj, read_ply, write_ply};

@@ -1,0 +1,137 @@
+use super::*;
+use proptest::prelude::*;
+
+fn quad() -> MeshData {
+    MeshData {
+        positions: vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.5], [0.0, 1.0, f32::INFINITY]],
+        normals: Some(vec![[0.0, 0.0, 1.0]; 4]),
+        uvs: Some(vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]),
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+    }
+}
+
+#[test]
+fn ply_comes_back() {
+    for (normals, uvs) in [(false, false), (true, false), (false, true), (true, true)] {
+        let mut mesh = quad();
+        mesh.normals = mesh.normals.filter(|_| normals);
+        mesh.uvs = mesh.uvs.filter(|_| uvs);
+        assert_eq!(read_mesh(&write_ply(&mesh), "a.ply"), Ok(mesh));
+    }
+}
+
+const ASCII: &str = "ply\nformat ascii 1.0\ncomment made by hand\nelement vertex 5\nproperty double x\nproperty float y\n\
+    property float z\nproperty uchar red\nproperty float s\nproperty float t\nelement edge 1\nproperty int vertex1\n\
+    property list uchar float lengths\nelement face 2\nproperty int id\nproperty list uchar ushort vertex_index\n\
+    property list uchar float texcoord\nend_header\n\
+    0 0 0 255 0 0\n1 0 0 255 1 0\n1 1 0 255 1 1\n0 1 nan 0 0 1\n0.5 2 0 0 0 0\n3 2 0.5 0.5\n1 4 0 1 2 3 2 0.5 0.5\n2 3 2 3 4 0";
+
+#[test]
+fn ply_of_any_kind() {
+    let mesh = read_ply(ASCII.as_bytes(), "a.ply").unwrap();
+    assert_eq!(mesh.triangles, [[0, 1, 2], [0, 2, 3], [2, 3, 4]]);
+    assert_eq!(mesh.positions.len(), 5);
+    assert!(mesh.positions[3][2].is_nan());
+    assert_eq!(mesh.uvs.unwrap()[2], [1.0, 1.0]);
+    assert_eq!(mesh.normals, None);
+    let with_crlf = ASCII.replace('\n', "\r\n");
+    assert_eq!(read_ply(with_crlf.as_bytes(), "a.ply").unwrap().triangles.len(), 3);
+
+    let mut big = b"ply\nformat binary_big_endian 1.0\nelement face 1\nproperty list int int vertex_indices\n\
+        element vertex 3\nproperty float x\nproperty double y\nproperty short z\nend_header\n"
+        .to_vec();
+    for value in [3i32, 2, 1, 0] {
+        big.extend(value.to_be_bytes());
+    }
+    for i in 0..3u8 {
+        big.extend(f32::from(i).to_be_bytes());
+        big.extend((f64::from(i) * 0.5).to_be_bytes());
+        big.extend((-i16::from(i)).to_be_bytes());
+    }
+    let mesh = read_ply(&big, "a.ply").unwrap();
+    assert_eq!(mesh.positions[2], [2.0, 1.0, -2.0]);
+    assert_eq!(mesh.triangles, [[2, 1, 0]]);
+}
+
+#[test]
+fn ply_errors() {
+    let error = |text: &str| read_ply(text.as_bytes(), "a.ply").unwrap_err().to_string();
+    let edit = |from: &str, to: &str| error(&ASCII.replace(from, to));
+    assert_eq!(error("hello"), "a.ply: not a valid PLY mesh: File must start with 'ply'");
+    assert!(edit("2 3 2 3 4 0", "2 3 2 3 5 0").ends_with("face 1: its vertex 5 is none of the 5 vertices"));
+    assert!(edit("2 3 2 3 4 0", "2 3 2 3 4").ends_with("in its face data: it ends too early"));
+    assert!(edit("2 3 2 3 4 0", "2 2 2 3 0").ends_with("face 1: it has 2 vertices"));
+    assert!(edit("element face", "element fase").contains("it has no faces"));
+    assert!(edit("element vertex", "element vertices").contains("it has no vertices"));
+    assert!(edit("double x", "double xx").contains("its vertices have no x"));
+    assert!(edit("vertex_index", "vertices").contains("its faces have no vertex_indices"));
+    assert!(edit("list uchar ushort", "list uchar foo").contains("foo"));
+    assert!(edit("0.5 2 0 0 0 0", "0.5 two 0 0 0 0").contains("vertex"));
+    assert!(edit("element vertex 5", "element vertex 9999999999999").contains("a.ply"));
+}
+
+const OBJ: &str = "# a comment\nmtllib x.mtl\no thing\nv 0 0 0\nv 1 0 0 0.5 0.5 0.5\nv 1 1 0\nv 0 1 nan\nvt 0 0\nvt 1\nvt 1 1\nvn 0 0 1\n\
+    g one\nusemtl m\ns off\nf 1/1/1 2/2/1 3/3/1\ng two\nf -4/1/1 -2/3/1 -1/1/1\n";
+
+#[test]
+fn obj_unifies_its_indices() {
+    let mesh = read_mesh(OBJ.as_bytes(), "a.obj").unwrap();
+    assert_eq!(mesh.triangles, [[0, 1, 2], [0, 2, 3]]);
+    assert_eq!(mesh.normals, Some(vec![[0.0, 0.0, 1.0]; 4]));
+    assert_eq!(mesh.uvs, Some(vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 0.0]]));
+    let plain = read_obj(b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 2 0\r\nf 1 2 3 4 5\r\n", "a.obj").unwrap();
+    assert_eq!(plain.triangles, [[0, 1, 2], [0, 2, 3], [0, 3, 4]]);
+    assert_eq!((plain.positions.len(), plain.normals, plain.uvs), (5, None, None));
+    let mixed =
+        read_obj(b"v 0 0 0\nv 2 0 0\nv 2 2 0\nvn 0 1 0\nvt 1 1\nf 1//1 2//1 3//1\nf 1 2 3\nf 1/1 2/1 3/1\n", "")
+            .unwrap();
+    assert_eq!(mixed.triangles, [[0, 1, 2], [3, 4, 5], [6, 7, 8]]);
+    assert_eq!(mixed.normals.unwrap()[2..5], [[0.0, 1.0, 0.0], [0.0, 0.0, 4.0], [0.0, 0.0, 4.0]]);
+    assert_eq!(mixed.uvs.unwrap()[5..7], [[0.0, 0.0], [1.0, 1.0]]);
+}
+
+#[test]
+fn obj_errors_have_their_place() {
+    let edit = |from: &str, to: &str| {
+        let error = read_obj(OBJ.replace(from, to).as_bytes(), "a.obj").unwrap_err();
+        (error.line().unwrap_or(0), error.column().unwrap_or(0), error.message)
+    };
+    let message = "this face wants vertex 9, but there are 4 before it".to_string();
+    assert_eq!(edit("2/2/1", "9/2/1"), (15, 9, message));
+    assert_eq!(edit("-4/1/1", "-5/1/1"), (17, 3, "this face wants vertex -5, but there are 4 before it".into()));
+    assert_eq!(edit("3/3/1", "0/3/1"), (15, 15, "this face wants vertex 0, but there are 4 before it".into()));
+    assert_eq!(edit("3/3/1", "3/3/2"), (15, 15, "this face wants normal 2, but there are 1 before it".into()));
+    assert_eq!(edit("3/3/1", "3/a/1"), (15, 15, "\"a\" is not the number of a texture coordinate".into()));
+    assert_eq!(edit("3/3/1", "/3/1"), (15, 15, "\"/3/1\" names no vertex".into()));
+    assert_eq!(edit("3/3/1", ""), (15, 1, "a face of 2 vertices".into()));
+    assert_eq!(edit("v 0 1 nan", "v 0 ö nan"), (7, 5, "\"ö\" is not a number".into()));
+    assert_eq!(edit("v 0 1 nan", "v 0 1"), (7, 1, "expected 3 numbers, found 2".into()));
+    assert_eq!(edit("f ", "l "), (0, 0, "it has no faces".into()));
+    assert_eq!(read_obj(b"\xff\xfe", "a.obj").unwrap_err().to_string(), "a.obj: not an OBJ mesh: it has no vertices");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(2000))]
+    #[test]
+    fn no_broken_mesh_panics(which in 0..3usize, cut in 0.0..1.0f64, changes in proptest::collection::vec((0.0..1.0f64, any::<u8>()), 0..6)) {
+        let mut bytes = [OBJ.as_bytes().to_vec(), ASCII.as_bytes().to_vec(), write_ply(&quad())][which].clone();
+        for (at, value) in changes {
+            let at = (at * bytes.len() as f64) as usize;
+            bytes[at] = value;
+        }
+        if cut < 0.5 { bytes.truncate((cut * 2.0 * bytes.len() as f64) as usize); }
+        for mesh in [read_mesh(&bytes, ""), read_obj(&bytes, ""), read_ply(&bytes, "")].into_iter().flatten() {
+            let count = mesh.positions.len();
+            prop_assert!(mesh.triangles.iter().flatten().all(|&i| (i as usize) < count));
+            prop_assert!(mesh.normals.is_none_or(|n| n.len() == count) && mesh.uvs.is_none_or(|n| n.len() == count));
+        }
+    }
+
+    #[test]
+    fn every_mesh_comes_back(positions in proptest::collection::vec(any::<[f32; 3]>(), 1..20), corners in proptest::collection::vec(any::<[u32; 3]>(), 1..20)) {
+        let count = positions.len() as u32;
+        let triangles = corners.into_iter().map(|t| t.map(|i| i % count)).collect();
+        let mesh = MeshData { positions, triangles, normals: None, uvs: None };
+        prop_assert_eq!(read_ply(&write_ply(&mesh), "").map(|m| write_ply(&m)), Ok(write_ply(&mesh)));
+    }
+}
