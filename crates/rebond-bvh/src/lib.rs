@@ -1,11 +1,45 @@
 //! Ray queries over triangles, spheres, disks and their instances. Knows no light.
+//!
+//! ```
+//! use rebond_bvh::{Accel, BuildOptions, Geometry, Instance, Ray};
+//! use rebond_lanes::Index;
+//! let triangle = Geometry {
+//!     positions: vec![[0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [0.0, 1.0, 1.0]],
+//!     triangles: vec![[0, 1, 2]],
+//!     ..Default::default()
+//! };
+//! let here = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
+//! let instance = Instance { geometry: 0, keyframes: vec![(0.0, here)] };
+//! let (accel, _) = Accel::build(vec![triangle], vec![instance], &BuildOptions::default()).unwrap();
+//! let ray = Ray { o: [0.25, 0.5, 0.0], d: [0.0, 0.0, 2.0], tmax: f32::INFINITY, time: 0.0 };
+//! let hit = accel.closest(&ray, true, false);
+//! assert_eq!((hit.t, hit.u, hit.v, hit.primitive.lane(0)), (0.5, 0.25, 0.5, 0));
+//! ```
+//!
+//! A file is one idea: [`Accel`] (accel.rs) holds trees (tree.rs) of eight-wide nodes (node.rs) over blocks of
+//! triangles (triangle.rs) and other shapes (shape.rs), made by `build/`. query.rs takes rays to them: one at a time
+//! (ray.rs, single.rs), through instances (instance.rs) or straight.
 
-use rebond_lanes::{F32x16, Index, Real};
+mod accel;
+mod build;
+mod instance;
+mod node;
+mod query;
+mod ray;
+mod shape;
+mod simd;
+mod single;
+mod tree;
+mod triangle;
+
+pub use accel::{Accel, BuildError, BuildOptions, BuildReport, Preset};
+
+use rebond_lanes::{F32x16, Real};
 
 /// The primitive of a [`Hit`] that hit nothing.
 pub const MISS: u32 = u32::MAX;
 
-/// One ray, or a lane's worth of them: the points `o + t·d`, 0 ≤ t ≤ `tmax`. `d` need not be normalised.
+/// One ray, or a lane's worth of them: the points `o + t·d`, 0 < t ≤ `tmax`. `d` need not be normalised.
 #[derive(Clone, Copy, Debug)]
 pub struct Ray<F: Real> {
     /// Origin.
@@ -78,4 +112,34 @@ pub struct Instance {
     /// (time, object-to-world) at one or more times, increasing; in between, matrices are interpolated linearly, and
     /// outside the first or last holds. Invertible at all times.
     pub keyframes: Vec<(f32, Affine)>,
+}
+
+/// Numbers that rays can be traced in: `f32` and [`F32x16`].
+pub trait Trace: query::Query {}
+impl Trace for f32 {}
+impl Trace for F32x16 {}
+
+/// Says which hits count: a texture with holes, a surface that some rays do not see.
+pub trait Filter: Sync {
+    /// Whether the ray stops at this point of a primitive. `u` and `v` are a triangle's barycentric coordinates as in
+    /// [`Hit`], 0 for other primitives. Called for any candidate on the way, in no order, more than once for some.
+    fn keep(&self, primitive: u32, instance: u32, u: f32, v: f32) -> bool;
+}
+
+/// Keeps every hit.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Everything;
+
+impl Filter for Everything {
+    #[inline(always)]
+    fn keep(&self, _: u32, _: u32, _: f32, _: f32) -> bool {
+        true
+    }
+}
+
+impl<T: Fn(u32, u32, f32, f32) -> bool + Sync> Filter for T {
+    #[inline(always)]
+    fn keep(&self, primitive: u32, instance: u32, u: f32, v: f32) -> bool {
+        self(primitive, instance, u, v)
+    }
 }

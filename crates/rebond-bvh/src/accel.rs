@@ -1,0 +1,211 @@
+//! The structure that answers ray queries.
+
+use crate::query::Query;
+use crate::tree::{NO_BOUNDS, Tree};
+use crate::{Everything, Filter, Geometry, Hit, Instance, Ray, Trace, build, instance};
+use instance::Placed;
+
+/// How much time to spend on the tree.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Preset {
+    /// Soonest ready: for previews and scenes that change.
+    Fast,
+    /// The least time for building and a typical picture together.
+    #[default]
+    Default,
+    /// The fastest queries.
+    Quality,
+}
+
+/// Settings of [`Accel::build`]. Threads come from rayon's current pool; the tree does not depend on their number.
+#[derive(Clone, Copy, Debug, Default)]
+#[non_exhaustive]
+pub struct BuildOptions {
+    /// How much time to spend.
+    pub preset: Preset,
+}
+
+impl BuildOptions {
+    /// The default settings with another preset.
+    pub fn with_preset(preset: Preset) -> Self {
+        Self { preset }
+    }
+}
+
+/// What [`Accel::build`] met and made.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct BuildReport {
+    /// Triangles without area, which no ray hits.
+    pub degenerate_triangles: u64,
+    /// Triangles with a corner that is NaN or infinite, which no ray hits.
+    pub non_finite_triangles: u64,
+    /// Spheres and disks that are not finite, or whose radius or normal is not positive; no ray hits them.
+    pub invalid_shapes: u64,
+    /// Nodes of all trees.
+    pub nodes: u64,
+    /// Bytes of all trees.
+    pub bytes: u64,
+}
+
+/// Why there is no [`Accel`].
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum BuildError {
+    /// A triangle names a corner that is not there.
+    #[error("triangle {triangle} of geometry {geometry} refers to a vertex that is not there")]
+    VertexOutOfRange {
+        /// Place in the list of geometries.
+        geometry: usize,
+        /// Place in the geometry's list of triangles.
+        triangle: usize,
+    },
+    /// An instance names a geometry that is not there.
+    #[error("instance {instance} refers to geometry {geometry}, which is not there")]
+    MissingGeometry {
+        /// Place in the list of instances.
+        instance: usize,
+        /// What it refers to.
+        geometry: u32,
+    },
+    /// An instance has no matrix.
+    #[error("instance {instance} has no keyframe")]
+    NoKeyframe {
+        /// Place in the list of instances.
+        instance: usize,
+    },
+    /// Times do not increase.
+    #[error("the keyframes of instance {instance} are not in the order of time")]
+    KeyframeOrder {
+        /// Place in the list of instances.
+        instance: usize,
+    },
+    /// A matrix cannot be inverted, at a keyframe or between two.
+    #[error("the matrix of instance {instance} cannot be inverted at all times")]
+    SingularMatrix {
+        /// Place in the list of instances.
+        instance: usize,
+    },
+    /// A matrix or a time is NaN or infinite.
+    #[error("the matrix of instance {instance} is not finite")]
+    NonFiniteMatrix {
+        /// Place in the list of instances.
+        instance: usize,
+    },
+    /// More primitives or instances than the tree can number.
+    #[error("too many primitives")]
+    TooManyPrimitives,
+}
+
+/// What the rays meet first.
+#[derive(Debug)]
+pub(crate) enum World {
+    Nothing,
+    /// One instance that stays where its geometry is.
+    One {
+        tree: usize,
+        instance: u32,
+    },
+    /// A tree over the instances.
+    Many(Tree),
+}
+
+/// Surfaces, ready to be hit by rays. Immutable and shared between threads.
+#[derive(Debug)]
+pub struct Accel {
+    pub(crate) trees: Vec<Tree>,
+    pub(crate) instances: Vec<Placed>,
+    pub(crate) world: World,
+    bounds: ([f32; 3], [f32; 3]),
+}
+
+impl Accel {
+    /// Builds the trees over `geometries` and over `instances` of them. Geometry without an instance is never hit.
+    ///
+    /// # Errors
+    /// See [`BuildError`].
+    pub fn build(
+        geometries: Vec<Geometry>,
+        instances: Vec<Instance>,
+        options: &BuildOptions,
+    ) -> Result<(Self, BuildReport), BuildError> {
+        let mut report = BuildReport::default();
+        let mut base = 0_usize;
+        let mut trees = Vec::with_capacity(geometries.len());
+        if u32::try_from(instances.len()).is_err() {
+            return Err(BuildError::TooManyPrimitives);
+        }
+        let mut placed = Vec::with_capacity(instances.len());
+        for (i, instance) in instances.iter().enumerate() {
+            if instance.geometry as usize >= geometries.len() {
+                return Err(BuildError::MissingGeometry { instance: i, geometry: instance.geometry });
+            }
+            placed.push(Placed::new(i, instance)?);
+        }
+        for (i, geometry) in geometries.into_iter().enumerate() {
+            let first = base;
+            base += build::count(&geometry);
+            if base >= crate::MISS as usize {
+                return Err(BuildError::TooManyPrimitives);
+            }
+            trees.push(build::geometry(i, &geometry, first as u32, options.preset, &mut report)?);
+        }
+        let boxes: Vec<_> = instances
+            .iter()
+            .map(|instance| {
+                let tree = &trees[instance.geometry as usize];
+                tree.root().map(|_| instance::world_bounds(instance, tree.bounds))
+            })
+            .collect();
+        let bounds = match &*placed {
+            [one] if one.is_identity() => trees[one.geometry as usize].bounds,
+            _ => boxes.iter().flatten().copied().reduce(|a, b| a.or(&b)).map_or(NO_BOUNDS, |bounds| bounds.corners()),
+        };
+        let world = match &*placed {
+            _ if boxes.iter().flatten().next().is_none() => World::Nothing,
+            [one] if one.is_identity() => World::One { tree: one.geometry as usize, instance: 0 },
+            _ => World::Many(build::instances(&boxes, options.preset)?),
+        };
+        let mut all: Vec<&Tree> = trees.iter().collect();
+        if let World::Many(top) = &world {
+            all.push(top);
+        }
+        report.nodes = all.iter().map(|tree| tree.nodes().len() as u64).sum();
+        report.bytes = all.iter().map(|tree| tree.bytes() as u64).sum();
+        Ok((Self { trees, instances: placed, world, bounds }, report))
+    }
+
+    /// The nearest hit of each lane in `mask`; the other lanes miss. `coherent` says that the lanes' rays start close
+    /// together and go much the same way, as camera rays do.
+    ///
+    /// Of two surfaces at the same distance, the one of lower instance and then lower primitive is hit. Rays that are
+    /// not numbers or have no direction miss.
+    #[inline]
+    pub fn closest<F: Trace>(&self, ray: &Ray<F>, mask: F::Mask, coherent: bool) -> Hit<F> {
+        <F as Query>::closest(self, ray, mask, coherent, &Everything)
+    }
+
+    /// Which lanes of `mask` hit anything.
+    #[inline]
+    pub fn occluded<F: Trace>(&self, ray: &Ray<F>, mask: F::Mask) -> F::Mask {
+        <F as Query>::occluded(self, ray, mask, &Everything)
+    }
+
+    /// [`Accel::closest`] among the hits that `filter` keeps.
+    #[inline]
+    pub fn closest_where<F: Trace>(&self, ray: &Ray<F>, mask: F::Mask, coherent: bool, filter: &impl Filter) -> Hit<F> {
+        <F as Query>::closest(self, ray, mask, coherent, filter)
+    }
+
+    /// [`Accel::occluded`] by the hits that `filter` keeps.
+    #[inline]
+    pub fn occluded_where<F: Trace>(&self, ray: &Ray<F>, mask: F::Mask, filter: &impl Filter) -> F::Mask {
+        <F as Query>::occluded(self, ray, mask, filter)
+    }
+
+    /// The box around everything at all times: its lowest and its highest corner. For an empty scene the lowest is
+    /// above the highest.
+    pub fn bounds(&self) -> ([f32; 3], [f32; 3]) {
+        self.bounds
+    }
+}

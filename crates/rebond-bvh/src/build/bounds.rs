@@ -1,0 +1,100 @@
+//! Boxes as the builders want them.
+
+/// −lower x, y, z, then upper x, y, z, each padded to four: growing is one maximum of eight.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(C, align(32))]
+pub(crate) struct Bounds(pub [f32; 8]);
+
+impl Bounds {
+    pub const EMPTY: Self = Self([f32::NEG_INFINITY; 8]);
+
+    #[inline(always)]
+    pub fn point(p: [f32; 3]) -> Self {
+        Self([-p[0], -p[1], -p[2], 0.0, p[0], p[1], p[2], 0.0])
+    }
+    pub fn new(lo: [f32; 3], hi: [f32; 3]) -> Self {
+        Self([-lo[0], -lo[1], -lo[2], 0.0, hi[0], hi[1], hi[2], 0.0])
+    }
+    #[inline(always)]
+    pub fn lo(&self, k: usize) -> f32 {
+        -self.0[k]
+    }
+    #[inline(always)]
+    pub fn hi(&self, k: usize) -> f32 {
+        self.0[4 + k]
+    }
+    pub fn corners(&self) -> ([f32; 3], [f32; 3]) {
+        (std::array::from_fn(|k| self.lo(k)), std::array::from_fn(|k| self.hi(k)))
+    }
+    #[inline(always)]
+    #[must_use]
+    pub fn or(&self, other: &Self) -> Self {
+        Self(std::array::from_fn(|i| if self.0[i] > other.0[i] { self.0[i] } else { other.0[i] }))
+    }
+    #[inline(always)]
+    #[must_use]
+    pub fn and(&self, other: &Self) -> Self {
+        Self(std::array::from_fn(|i| if self.0[i] < other.0[i] { self.0[i] } else { other.0[i] }))
+    }
+    /// Half the surface; 0 for an empty box.
+    #[inline(always)]
+    pub fn area(&self) -> f32 {
+        let e: [f32; 3] = std::array::from_fn(|k| self.0[4 + k] + self.0[k]);
+        let area = e[0] * (e[1] + e[2]) + e[1] * e[2];
+        if e[0] >= 0.0 && e[1] >= 0.0 && e[2] >= 0.0 { area } else { 0.0 }
+    }
+    /// Twice the centre.
+    #[inline(always)]
+    pub fn center2(&self, k: usize) -> f32 {
+        self.0[4 + k] - self.0[k]
+    }
+    /// Twice the centre, as a box.
+    #[inline(always)]
+    pub fn center2_box(&self) -> Self {
+        Self::point([self.center2(0), self.center2(1), self.center2(2)])
+    }
+}
+
+/// A primitive, or a part of one, on its way into the tree.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Reference {
+    /// The padding holds anything.
+    pub bounds: Bounds,
+}
+
+impl Reference {
+    pub fn new(mut bounds: Bounds, primitive: u32) -> Self {
+        bounds.0[3] = f32::from_bits(primitive);
+        bounds.0[7] = 0.0;
+        Self { bounds }
+    }
+    /// Which primitive of the geometry.
+    #[inline(always)]
+    pub fn primitive(&self) -> u32 {
+        self.bounds.0[3].to_bits()
+    }
+}
+
+/// A node of the binary tree.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Binary {
+    pub bounds: Bounds,
+    /// Left child, or a leaf's first reference.
+    pub left: u32,
+    /// Right child, or [`Binary::LEAF`] plus a leaf's number of references.
+    pub right: u32,
+}
+
+impl Binary {
+    pub const LEAF: u32 = 1 << 31;
+    pub const UNUSED: Self = Self { bounds: Bounds::EMPTY, left: 0, right: 0 };
+
+    pub fn leaf(bounds: Bounds, first: u32, count: u32) -> Self {
+        Self { bounds, left: first, right: Self::LEAF | count }
+    }
+    /// A leaf's number of references.
+    #[inline(always)]
+    pub fn count(&self) -> Option<u32> {
+        (self.right & Self::LEAF != 0).then_some(self.right & !Self::LEAF)
+    }
+}

@@ -1,0 +1,233 @@
+//! From the binary tree to the eight-wide one.
+//!
+//! The cheapest way to cut the binary tree into nodes of up to eight children and leaves of up to four blocks of four
+//! triangles, by dynamic programming: H. Ylitie, T. Karras, S. Laine, "Efficient Incoherent Ray Traversal on GPUs
+//! Through Compressed Wide BVHs", HPG 2017, section 3.1.
+
+use super::bounds::{Binary, Reference};
+use crate::node::{Child, Node};
+use crate::shape::Shape;
+use crate::triangle::Block;
+use rayon::prelude::*;
+
+/// What a block costs to test, in node tests.
+const BLOCK: f32 = 0.9;
+/// What another shape costs to test.
+const SHAPE: f32 = 1.5;
+/// Most triangles of a leaf.
+const LEAF: u32 = 16;
+/// Subtrees of more references than this are emitted side by side.
+const PARALLEL: u32 = 4096;
+
+/// The least cost of representing a subtree by at most i + 1 children of one node, and how.
+#[derive(Clone, Copy)]
+pub(crate) struct Plan {
+    cost: [f32; 7],
+    /// For i = 0: how many of the eight slots of its own node go to the left, 0 for a leaf. For others: how many of the
+    /// i + 1 slots go to the left, 0 to use fewer slots.
+    left: [u8; 7],
+    /// References in the subtree, saturating at what no leaf can hold; no other shapes among them.
+    count: u32,
+    only_triangles: bool,
+}
+
+/// Where the collapse takes its primitives from.
+pub(crate) trait Primitives: Sync {
+    /// The corners of a triangle and its global number; none for other shapes.
+    fn triangle(&self, primitive: u32) -> Option<([[f32; 3]; 3], u32)>;
+    /// Any other shape.
+    fn shape(&self, primitive: u32) -> Shape;
+    /// Whether there are other shapes at all.
+    fn only_triangles(&self) -> bool;
+}
+
+/// The arrays of the wide tree.
+#[derive(Default)]
+pub(crate) struct Wide {
+    pub nodes: Vec<Node>,
+    pub blocks: Vec<Block>,
+    pub shapes: Vec<Shape>,
+}
+
+/// `nodes` has its root first and children behind parents.
+pub(crate) fn collapse(nodes: &[Binary], references: &[Reference], primitives: &impl Primitives) -> (Wide, Child) {
+    let plans = plan(nodes, references, primitives);
+    Emitter { nodes, references, primitives, plans: &plans }.parallel(0)
+}
+
+fn plan(nodes: &[Binary], references: &[Reference], primitives: &impl Primitives) -> Vec<Plan> {
+    let none = Plan { cost: [0.0; 7], left: [0; 7], count: 0, only_triangles: true };
+    let mut plans = vec![none; nodes.len()];
+    for (i, node) in nodes.iter().enumerate().rev() {
+        if node.right == 0 {
+            continue; // a place that was not used
+        }
+        let area = node.bounds.area();
+        plans[i] = if let Some(count) = node.count() {
+            let only_triangles = primitives.only_triangles()
+                || references[node.left as usize..][..count as usize]
+                    .iter()
+                    .all(|r| primitives.triangle(r.primitive()).is_some());
+            let cost = area * if only_triangles { BLOCK * count.div_ceil(4) as f32 } else { SHAPE * count as f32 };
+            Plan { cost: [cost; 7], left: [0; 7], count, only_triangles }
+        } else {
+            join(area, &plans[node.left as usize], &plans[node.right as usize])
+        };
+    }
+    plans
+}
+
+/// The plan of a node from those of its children.
+#[inline(always)]
+fn join(area: f32, l: &Plan, r: &Plan) -> Plan {
+    // Over how many slots the left side gets.
+    let share = |slots: usize| {
+        let mut best = (f32::INFINITY, 0);
+        for left in 1..slots {
+            if left <= 7 && slots - left <= 7 {
+                let cost = l.cost[left - 1] + r.cost[slots - left - 1];
+                if cost < best.0 {
+                    best = (cost, left as u8);
+                }
+            }
+        }
+        best
+    };
+    let count = l.count + r.count;
+    let only_triangles = l.only_triangles && r.only_triangles;
+    let mut plan = Plan { cost: [0.0; 7], left: [0; 7], count, only_triangles };
+    let (children, left) = share(8);
+    (plan.cost[0], plan.left[0]) = (area + children, left.max(1));
+    if only_triangles && count <= LEAF {
+        let leaf = area * BLOCK * count.div_ceil(4) as f32;
+        if leaf <= plan.cost[0] {
+            (plan.cost[0], plan.left[0]) = (leaf, 0);
+        }
+    }
+    for slots in 2..=7 {
+        let (cost, left) = share(slots);
+        (plan.cost[slots - 1], plan.left[slots - 1]) =
+            if cost < plan.cost[slots - 2] { (cost, left) } else { (plan.cost[slots - 2], 0) };
+    }
+    plan
+}
+
+struct Emitter<'a, P> {
+    nodes: &'a [Binary],
+    references: &'a [Reference],
+    primitives: &'a P,
+    plans: &'a [Plan],
+}
+
+impl<P: Primitives> Emitter<'_, P> {
+    /// The roots of the subtrees that share `slots` slots.
+    fn children(&self, at: u32, slots: usize, out: &mut Vec<u32>) {
+        let node = &self.nodes[at as usize];
+        let left = self.plans[at as usize].left[slots - 1];
+        if slots == 1 || node.count().is_some() {
+            out.push(at);
+        } else if left == 0 {
+            self.children(at, slots - 1, out);
+        } else {
+            self.children(node.left, usize::from(left), out);
+            self.children(node.right, slots - usize::from(left), out);
+        }
+    }
+
+    fn children_of_node(&self, at: u32) -> Vec<u32> {
+        let mut children = Vec::with_capacity(8);
+        let node = &self.nodes[at as usize];
+        let left = usize::from(self.plans[at as usize].left[0]);
+        self.children(node.left, left, &mut children);
+        self.children(node.right, 8 - left, &mut children);
+        children
+    }
+
+    fn is_leaf(&self, at: u32) -> bool {
+        self.nodes[at as usize].count().is_some() || self.plans[at as usize].left[0] == 0
+    }
+
+    fn node(&self, children: &[u32]) -> Node {
+        let mut node = Node::EMPTY;
+        for (slot, &child) in children.iter().enumerate() {
+            let bounds = &self.nodes[child as usize].bounds;
+            for k in 0..3 {
+                node.planes[2 * k][slot] = bounds.lo(k);
+                node.planes[2 * k + 1][slot] = bounds.hi(k);
+            }
+        }
+        node
+    }
+
+    fn parallel(&self, at: u32) -> (Wide, Child) {
+        if self.is_leaf(at) || self.plans[at as usize].count <= PARALLEL {
+            let mut wide = Wide::default();
+            let child = self.emit(at, &mut wide);
+            return (wide, child);
+        }
+        let children = self.children_of_node(at);
+        let parts: Vec<_> = children.par_iter().map(|&child| self.parallel(child)).collect();
+        let mut wide = Wide::default();
+        wide.nodes.reserve_exact(1 + parts.iter().map(|part| part.0.nodes.len()).sum::<usize>());
+        wide.blocks.reserve_exact(parts.iter().map(|part| part.0.blocks.len()).sum());
+        wide.nodes.push(self.node(&children));
+        for (slot, (part, child)) in parts.into_iter().enumerate() {
+            let [n, b, s] = [wide.nodes.len(), wide.blocks.len(), wide.shapes.len()].map(|x| x as u32);
+            wide.nodes[0].children[slot] = child.moved(n, b, s);
+            wide.nodes.extend(part.nodes.into_iter().map(|mut node| {
+                for child in &mut node.children {
+                    *child = child.moved(n, b, s);
+                }
+                node
+            }));
+            wide.blocks.extend_from_slice(&part.blocks);
+            wide.shapes.extend_from_slice(&part.shapes);
+        }
+        (wide, Child::node(0))
+    }
+
+    fn emit(&self, at: u32, wide: &mut Wide) -> Child {
+        if self.is_leaf(at) {
+            return self.leaf(at, wide);
+        }
+        let children = self.children_of_node(at);
+        let place = wide.nodes.len();
+        wide.nodes.push(self.node(&children));
+        for (slot, &child) in children.iter().enumerate() {
+            let child = self.emit(child, wide);
+            wide.nodes[place].children[slot] = child;
+        }
+        Child::node(place as u32)
+    }
+
+    fn leaf(&self, at: u32, wide: &mut Wide) -> Child {
+        let mut triangles = Vec::with_capacity(LEAF as usize);
+        let mut shape = None;
+        self.gather(at, &mut |primitive| match self.primitives.triangle(primitive) {
+            Some(triangle) => triangles.push(triangle),
+            None => shape = Some(self.primitives.shape(primitive)),
+        });
+        if let Some(shape) = shape {
+            wide.shapes.push(shape);
+            return Child::shape(wide.shapes.len() as u32 - 1);
+        }
+        // A triangle that was split may come back together here.
+        triangles.sort_unstable_by_key(|t| t.1);
+        triangles.dedup_by_key(|t| t.1);
+        let first = wide.blocks.len() as u32;
+        wide.blocks.extend(triangles.chunks(4).map(Block::new));
+        Child::blocks(first, triangles.len().div_ceil(4) as u32)
+    }
+
+    fn gather(&self, at: u32, take: &mut impl FnMut(u32)) {
+        let node = &self.nodes[at as usize];
+        if let Some(count) = node.count() {
+            for r in &self.references[node.left as usize..][..count as usize] {
+                take(r.primitive());
+            }
+        } else {
+            self.gather(node.left, take);
+            self.gather(node.right, take);
+        }
+    }
+}

@@ -1,0 +1,161 @@
+//! From surfaces to trees.
+
+pub(crate) mod binned;
+pub(crate) mod bounds;
+pub(crate) mod collapse;
+
+use crate::node::Child;
+use crate::shape::Shape;
+use crate::tree::Tree;
+use crate::{BuildError, BuildReport, Geometry, Preset};
+use bounds::{Binary, Bounds, Reference};
+use collapse::Primitives;
+use rayon::prelude::*;
+
+/// A geometry and the number of its first primitive.
+struct Surfaces<'a> {
+    geometry: &'a Geometry,
+    base: u32,
+}
+
+impl Surfaces<'_> {
+    fn corners(&self, triangle: u32) -> [[f32; 3]; 3] {
+        self.geometry.triangles[triangle as usize].map(|i| self.geometry.positions[i as usize])
+    }
+}
+
+impl Primitives for Surfaces<'_> {
+    fn triangle(&self, primitive: u32) -> Option<([[f32; 3]; 3], u32)> {
+        ((primitive as usize) < self.geometry.triangles.len()).then(|| (self.corners(primitive), self.base + primitive))
+    }
+    fn shape(&self, primitive: u32) -> Shape {
+        let i = primitive as usize - self.geometry.triangles.len();
+        match self.geometry.spheres.get(i) {
+            Some(&sphere) => Shape::Sphere(sphere, self.base + primitive),
+            None => Shape::Disk(self.geometry.disks[i - self.geometry.spheres.len()], self.base + primitive),
+        }
+    }
+    fn only_triangles(&self) -> bool {
+        self.geometry.spheres.is_empty() && self.geometry.disks.is_empty()
+    }
+}
+
+/// What becomes of a triangle.
+enum Kind {
+    Fine(Bounds),
+    Degenerate,
+    NonFinite,
+}
+
+/// Boxes of coordinates may be as wide as f32 goes; their area is found in f64.
+fn classify(corners: [[f32; 3]; 3]) -> Kind {
+    if !corners.iter().flatten().all(|x| x.is_finite()) {
+        return Kind::NonFinite;
+    }
+    let edge = |i: usize| -> [f64; 3] { std::array::from_fn(|k| f64::from(corners[i][k]) - f64::from(corners[0][k])) };
+    let (a, b) = (edge(1), edge(2));
+    if a[1] * b[2] == a[2] * b[1] && a[2] * b[0] == a[0] * b[2] && a[0] * b[1] == a[1] * b[0] {
+        return Kind::Degenerate;
+    }
+    Kind::Fine(corners.iter().fold(Bounds::EMPTY, |bounds, &p| bounds.or(&Bounds::point(p))))
+}
+
+/// How many primitives a geometry has.
+pub(crate) fn count(geometry: &Geometry) -> usize {
+    geometry.triangles.len() + geometry.spheres.len() + geometry.disks.len()
+}
+
+/// The tree over a geometry whose first primitive has the number `base`.
+pub(crate) fn geometry(
+    index: usize,
+    geometry: &Geometry,
+    base: u32,
+    preset: Preset,
+    report: &mut BuildReport,
+) -> Result<Tree, BuildError> {
+    let points = geometry.positions.len();
+    if let Some(triangle) = geometry.triangles.par_iter().position_first(|t| t.iter().any(|&i| i as usize >= points)) {
+        return Err(BuildError::VertexOutOfRange { geometry: index, triangle });
+    }
+    let surfaces = Surfaces { geometry, base };
+    let chunks: Vec<_> = (0..geometry.triangles.len() as u32)
+        .into_par_iter()
+        .fold(
+            || (Vec::new(), 0_u64, 0_u64),
+            |(mut references, mut degenerate, mut non_finite), i| {
+                match classify(surfaces.corners(i)) {
+                    Kind::Fine(bounds) => references.push(Reference::new(bounds, i)),
+                    Kind::Degenerate => degenerate += 1,
+                    Kind::NonFinite => non_finite += 1,
+                }
+                (references, degenerate, non_finite)
+            },
+        )
+        .collect();
+    let mut references = Vec::with_capacity(chunks.iter().map(|chunk| chunk.0.len()).sum());
+    for (chunk, degenerate, non_finite) in chunks {
+        references.extend(chunk);
+        report.degenerate_triangles += degenerate;
+        report.non_finite_triangles += non_finite;
+    }
+    let first = geometry.triangles.len();
+    for (i, sphere) in geometry.spheres.iter().enumerate() {
+        if sphere.is_valid() {
+            let (lo, hi) = sphere.bounds();
+            references.push(Reference::new(Bounds::new(lo, hi), (first + i) as u32));
+        } else {
+            report.invalid_shapes += 1;
+        }
+    }
+    let first = first + geometry.spheres.len();
+    for (i, disk) in geometry.disks.iter().enumerate() {
+        if disk.is_valid() {
+            let (lo, hi) = disk.bounds();
+            references.push(Reference::new(Bounds::new(lo, hi), (first + i) as u32));
+        } else {
+            report.invalid_shapes += 1;
+        }
+    }
+    tree(references, &surfaces, preset)
+}
+
+/// Instances, each with its box in the world.
+pub(crate) fn instances(boxes: &[Option<Bounds>], preset: Preset) -> Result<Tree, BuildError> {
+    struct Placed;
+    impl Primitives for Placed {
+        fn triangle(&self, _: u32) -> Option<([[f32; 3]; 3], u32)> {
+            None
+        }
+        fn shape(&self, primitive: u32) -> Shape {
+            Shape::Instance(primitive)
+        }
+        fn only_triangles(&self) -> bool {
+            false
+        }
+    }
+    let references = boxes.iter().enumerate().filter_map(|(i, b)| b.map(|b| Reference::new(b, i as u32))).collect();
+    tree(references, &Placed, preset)
+}
+
+fn tree(mut references: Vec<Reference>, primitives: &impl Primitives, preset: Preset) -> Result<Tree, BuildError> {
+    let n = references.len();
+    if n == 0 {
+        return Ok(Tree::empty());
+    }
+    if n > Child::MAX_BLOCKS || 2 * n >= Child::MAX_SHAPES {
+        return Err(BuildError::TooManyPrimitives);
+    }
+    let leaf = if preset == Preset::Fast && primitives.only_triangles() { 4 } else { 1 };
+    let mut nodes = vec![Binary::UNUSED; 2 * n - 1];
+    binned::build(&mut references, &mut nodes, binned::Shape { leaf, balanced: false });
+    let bounds = nodes[0].bounds.corners();
+    let (wide, root) = collapse::collapse(&nodes, &references, primitives);
+    if let Some(tree) = Tree::new(wide.nodes, wide.blocks, wide.shapes, root, bounds) {
+        return Ok(tree);
+    }
+    // Some inputs make trees too deep for the stack; halving by number does not.
+    nodes.fill(Binary::UNUSED);
+    binned::build(&mut references, &mut nodes, binned::Shape { leaf: 1, balanced: true });
+    let (wide, root) = collapse::collapse(&nodes, &references, primitives);
+    Tree::new(wide.nodes, wide.blocks, wide.shapes, root, bounds).ok_or(BuildError::TooManyPrimitives)
+}

@@ -1,0 +1,178 @@
+//! One ray, prepared for boxes and triangles.
+
+use crate::{MISS, Ray};
+use rebond_lanes::{Index, Real};
+
+/// A ray as the kernels want it.
+///
+/// A box is entered along axis k at `plane · inverse + near` and left at `plane · inverse + far`. The two constants
+/// are −o/d moved apart by a bound on every rounding error there is: that of o/d, of the planes' product, and of the
+/// triangle test's shear (Woop, Benthin, Wald 2013, section 3.3, which see). So a box is never missed when the
+/// triangle test would find a hit in it. What error remains is relative, and [`ONE_PLUS`](crate::node::ONE_PLUS)
+/// covers it (Ize 2013).
+///
+/// A triangle is seen in the frame of the ray: `axes` puts the largest component of d last, and `shear` moves it onto
+/// that axis.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SingleRay {
+    pub o: [f32; 3],
+    pub d: [f32; 3],
+    pub inverse: [f32; 3],
+    pub near: [f32; 3],
+    pub far: [f32; 3],
+    /// Row of [`Node::planes`](crate::node::Node::planes) that is entered first, for each axis.
+    near_plane: [usize; 3],
+    axes: [usize; 3],
+    /// o, its axes in the order of `axes`.
+    pub origin: [f32; 3],
+    /// d[axes[0]] / d[axes[2]], d[axes[1]] / d[axes[2]], 1 / d[axes[2]].
+    pub shear: [f32; 3],
+    /// The ray is too far out for the boxes' arithmetic: look at every primitive, in f64.
+    pub huge: bool,
+}
+
+/// Beyond this, products of coordinates and inverse directions could overflow.
+const HUGE: f32 = (1_u64 << 60) as f32;
+/// Largest components of d that need no scaling lie between 1/this and this.
+const FAR: f32 = (1_u64 << 20) as f32;
+/// Components of d below this part of the largest are raised to it for the boxes.
+const FLAT: f32 = 1.0 / (1_u64 << 40) as f32;
+
+/// 2⁻²¹ · (|o| + |scene|) bounds the error of position that the boxes allow for.
+const POSITION_ERROR: f32 = 4.0 * f32::EPSILON;
+
+impl SingleRay {
+    /// Row of the node's planes that is entered first, for each axis: 2k or 2k + 1 for axis k.
+    #[inline(always)]
+    pub fn near_plane(&self) -> [usize; 3] {
+        self.near_plane
+    }
+    /// A permutation of 0, 1, 2; the largest component of d comes last.
+    #[inline(always)]
+    pub fn axes(&self) -> [usize; 3] {
+        self.axes
+    }
+    /// The ray, and what its `t` is to be multiplied by; none if nothing can be hit: NaN, infinite, zero direction.
+    /// `extent` is the largest absolute coordinate of what is to be hit.
+    #[inline(always)]
+    pub fn new(o: [f32; 3], d: [f32; 3], extent: f32) -> Option<(Self, f64)> {
+        let size = d.map(f32::abs);
+        let largest = if size[0] > size[1] { size[0] } else { size[1] };
+        let largest = if size[2] > largest { size[2] } else { largest };
+        let far = o.map(f32::abs);
+        let farthest = if far[0] > far[1] { far[0] } else { far[1] };
+        let farthest = if far[2] > farthest { far[2] } else { farthest };
+        // Each comparison is false for NaN; one that hid in the maxima shows in the sums.
+        let sane = largest <= FAR && largest >= 1.0 / FAR && farthest + extent <= HUGE;
+        let sum = (o[0] + o[1] + o[2]) + (d[0] + d[1] + d[2]);
+        if sane && sum < f32::INFINITY {
+            return Some((Self::prepared(o, d, size, largest, farthest + extent, false), 1.0));
+        }
+        Self::unusual(o, d, extent)
+    }
+
+    /// Directions that are very long or short are scaled by a power of two.
+    #[cold]
+    #[inline(never)]
+    fn unusual(o: [f32; 3], d: [f32; 3], extent: f32) -> Option<(Self, f64)> {
+        let size = d.map(f32::abs);
+        let largest = size[0].max(size[1]).max(size[2]);
+        let finite = o.iter().chain(&d).all(|x| x.is_finite());
+        if !finite || largest == 0.0 {
+            return None;
+        }
+        let scale = (-f64::from(largest).log2().floor()).exp2();
+        let d = d.map(|x| (f64::from(x) * scale) as f32);
+        let size = d.map(f32::abs);
+        let largest = size[0].max(size[1]).max(size[2]);
+        let reach = o.iter().fold(extent, |m, x| m + x.abs());
+        Some((Self::prepared(o, d, size, largest, reach, !(reach <= HUGE)), scale))
+    }
+
+    #[inline(always)]
+    fn prepared(o: [f32; 3], d: [f32; 3], size: [f32; 3], largest: f32, reach: f32, huge: bool) -> Self {
+        let z = if size[0] == largest {
+            0
+        } else if size[1] == largest {
+            1
+        } else {
+            2
+        };
+        let axes: [usize; 3] = [[1, 2, 0], [2, 0, 1], [0, 1, 2]][z];
+        let least = largest * FLAT;
+        let error = POSITION_ERROR * reach;
+        let mut ray = Self {
+            o,
+            d,
+            inverse: [0.0; 3],
+            near: [0.0; 3],
+            far: [0.0; 3],
+            near_plane: [0; 3],
+            axes,
+            origin: axes.map(|k| o[k]),
+            shear: [0.0; 3],
+            huge,
+        };
+        for k in 0..3 {
+            let sign = d[k].to_bits() & 0x8000_0000;
+            let size = if size[k] > least { size[k] } else { least };
+            let inverse = 1.0 / size; // positive
+            let signed = f32::from_bits(inverse.to_bits() | sign);
+            let center = -(o[k] * signed);
+            ray.inverse[k] = signed;
+            ray.near[k] = center - error * inverse;
+            ray.far[k] = center + error * inverse;
+            ray.near_plane[k] = 2 * k + (sign >> 31) as usize;
+        }
+        // The component is at least `least`, so this is 1/d[z] as above.
+        let inverse = ray.inverse[z];
+        ray.shear = [d[axes[0]] * inverse, d[axes[1]] * inverse, inverse];
+        ray
+    }
+}
+
+/// The nearest hit so far.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Best {
+    pub t: f32,
+    pub u: f32,
+    pub v: f32,
+    pub primitive: u32,
+    pub instance: u32,
+}
+
+impl Best {
+    #[inline(always)]
+    pub fn up_to(tmax: f32) -> Self {
+        Self { t: tmax, u: 0.0, v: 0.0, primitive: MISS, instance: MISS }
+    }
+
+    /// Whether a hit there comes before this one. Of two at the same distance the lower number comes first, so that
+    /// the answer does not depend on the way through the tree.
+    #[inline(always)]
+    pub fn yields_to(&self, t: f32, primitive: u32, instance: u32) -> bool {
+        t > 0.0 && (t < self.t || t == self.t && (instance, primitive) < (self.instance, self.primitive))
+    }
+}
+
+/// Lane `lane` of a ray: o, d, tmax, time.
+#[inline(always)]
+pub(crate) fn lane<F: Real>(ray: &Ray<F>, lane: usize) -> Ray<f32> {
+    Ray {
+        o: ray.o.map(|x| x.lane(lane)),
+        d: ray.d.map(|x| x.lane(lane)),
+        tmax: ray.tmax.lane(lane),
+        time: ray.time.lane(lane),
+    }
+}
+
+/// A hit of nothing in every lane.
+pub(crate) fn no_hit<F: Real>(tmax: F) -> crate::Hit<F> {
+    crate::Hit {
+        t: tmax,
+        u: F::zero(),
+        v: F::zero(),
+        primitive: F::Index::splat(MISS),
+        instance: F::Index::splat(MISS),
+    }
+}

@@ -1,0 +1,262 @@
+//! One ray through the tree.
+
+use crate::Filter;
+use crate::node::{Child, ONE_PLUS, Target};
+use crate::ray::{Best, SingleRay};
+use crate::shape::Shape;
+use crate::simd::{Lanes, Simd};
+use crate::tree::Tree;
+use std::mem::MaybeUninit;
+
+/// Places of the stack.
+pub(crate) const STACK: usize = 512;
+
+/// What to do at a leaf that is neither a node nor triangles.
+pub(crate) trait Shapes {
+    fn closest(&self, shape: &Shape, ray: &SingleRay, best: &mut Best);
+    fn occluded(&self, shape: &Shape, ray: &SingleRay, tmax: f32) -> bool;
+}
+
+/// Spheres and disks of one instance.
+pub(crate) struct Solid<'a, K> {
+    pub instance: u32,
+    pub filter: &'a K,
+}
+
+impl<K: Filter> Shapes for Solid<'_, K> {
+    fn closest(&self, shape: &Shape, ray: &SingleRay, best: &mut Best) {
+        let primitive = shape.primitive();
+        for t in shape.roots(ray.o, ray.d) {
+            if best.yields_to(t, primitive, self.instance) && self.filter.keep(primitive, self.instance, 0.0, 0.0) {
+                *best = Best { t, u: 0.0, v: 0.0, primitive, instance: self.instance };
+            }
+        }
+    }
+    fn occluded(&self, shape: &Shape, ray: &SingleRay, tmax: f32) -> bool {
+        shape
+            .roots(ray.o, ray.d)
+            .into_iter()
+            .any(|t| 0.0 < t && t <= tmax && self.filter.keep(shape.primitive(), self.instance, 0.0, 0.0))
+    }
+}
+
+/// Children yet to be visited.
+struct Stack<T> {
+    places: [MaybeUninit<T>; STACK],
+    len: usize,
+}
+
+impl<T: Copy> Stack<T> {
+    #[inline(always)]
+    fn new() -> Self {
+        Self { places: [const { MaybeUninit::uninit() }; STACK], len: 0 }
+    }
+    /// # Safety
+    /// Fewer than [`STACK`] are on it.
+    #[inline(always)]
+    unsafe fn push(&mut self, x: T) {
+        debug_assert!(self.len < STACK);
+        // SAFETY: the caller's promise.
+        unsafe { self.places.get_unchecked_mut(self.len) }.write(x);
+        self.len += 1;
+    }
+    #[inline(always)]
+    fn pop(&mut self) -> Option<T> {
+        self.len = self.len.checked_sub(1)?;
+        // SAFETY: `len` was within the array, and everything below it has been written.
+        Some(unsafe { self.places.get_unchecked(self.len).assume_init() })
+    }
+    /// The last `n`.
+    ///
+    /// # Safety
+    /// At least `n` are on it.
+    #[inline(always)]
+    unsafe fn last(&mut self, n: usize) -> &mut [T] {
+        debug_assert!(n <= self.len);
+        // SAFETY: these places are within the array and have been written; MaybeUninit<T> is laid out as T.
+        unsafe { std::slice::from_raw_parts_mut(self.places.as_mut_ptr().add(self.len - n).cast(), n) }
+    }
+}
+
+/// A child and where the ray enters it; ordered by that.
+#[inline(always)]
+fn key(enter: f32, child: Child) -> u64 {
+    u64::from(enter.to_bits()) << 32 | u64::from(child.0)
+}
+
+/// Asks for the first cache lines of a child.
+#[inline(always)]
+fn prefetch(tree: &Tree, child: Child) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        let (at, lines): (*const i8, usize) = match child.target() {
+            Target::Node(index) => (tree.nodes().as_ptr().wrapping_add(index as usize).cast(), 4),
+            Target::Blocks { first, .. } => (tree.blocks().as_ptr().wrapping_add(first as usize).cast(), 3),
+            Target::Shape(_) => return,
+        };
+        for line in 0..lines {
+            // SAFETY: a prefetch reads nothing; any address will do.
+            unsafe { _mm_prefetch::<_MM_HINT_T0>(at.wrapping_add(64 * line)) };
+        }
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = (tree, child);
+}
+
+/// Puts the nearest hit in the subtree `start` into `best` if it comes before.
+#[inline(always)]
+pub(crate) fn closest<S: Simd, const PREFETCH: bool, K: Filter>(
+    tree: &Tree,
+    start: Child,
+    ray: &SingleRay,
+    instance: u32,
+    filter: &K,
+    shapes: &impl Shapes,
+    best: &mut Best,
+) {
+    let mut stack = Stack::<u64>::new();
+    let mut current = start;
+    let mut limit = best.t * ONE_PLUS;
+    loop {
+        match current.target() {
+            Target::Node(index) => {
+                // SAFETY: `Tree::new` has checked every child.
+                let node = unsafe { tree.nodes().get_unchecked(index as usize) };
+                let (mut mask, enter) = node.enter::<S>(ray, S::F8::splat(limit));
+                if mask != 0 {
+                    let enter = enter.array();
+                    let mut next = || {
+                        let i = mask.trailing_zeros() as usize & 7;
+                        mask &= mask - 1;
+                        let child = node.children[i];
+                        if PREFETCH {
+                            prefetch(tree, child);
+                        }
+                        (key(enter[i], child), mask)
+                    };
+                    let (first, rest) = next();
+                    if rest == 0 {
+                        current = Child(first as u32);
+                        continue;
+                    }
+                    let (second, rest) = next();
+                    let (mut near, mut far) = (first.min(second), first.max(second));
+                    if rest == 0 {
+                        // SAFETY: `Tree::new` has checked that the stack is large enough for all pushes on the way.
+                        unsafe { stack.push(far) };
+                        current = Child(near as u32);
+                        continue;
+                    }
+                    let (third, rest) = next();
+                    let middle;
+                    (middle, far) = (third.min(far), third.max(far));
+                    let second;
+                    (near, second) = (near.min(middle), near.max(middle));
+                    if rest == 0 {
+                        // SAFETY: as above.
+                        unsafe {
+                            stack.push(far);
+                            stack.push(second);
+                        }
+                        current = Child(near as u32);
+                        continue;
+                    }
+                    // SAFETY: as above.
+                    unsafe {
+                        stack.push(far);
+                        stack.push(second);
+                        stack.push(near);
+                    }
+                    let mut n = 3;
+                    let mut rest = rest;
+                    while rest != 0 {
+                        let (x, left) = next();
+                        rest = left;
+                        // SAFETY: as above.
+                        unsafe { stack.push(x) };
+                        n += 1;
+                        // SAFETY: these `n` were pushed.
+                        let sorted = unsafe { stack.last(n) };
+                        let mut i = n - 1;
+                        while i > 0 && sorted[i - 1] < x {
+                            sorted[i] = sorted[i - 1];
+                            i -= 1;
+                        }
+                        sorted[i] = x;
+                    }
+                }
+            }
+            Target::Blocks { first, count } => {
+                for i in first..first + count {
+                    // SAFETY: `Tree::new` has checked every child.
+                    let block = unsafe { tree.blocks().get_unchecked(i as usize) };
+                    block.closest::<S>(ray, instance, filter, best);
+                }
+                limit = best.t * ONE_PLUS;
+            }
+            Target::Shape(index) => {
+                shapes.closest(&tree.shapes()[index as usize], ray, best);
+                limit = best.t * ONE_PLUS;
+            }
+        }
+        loop {
+            let Some(key) = stack.pop() else { return };
+            if f32::from_bits((key >> 32) as u32) <= limit {
+                current = Child(key as u32);
+                break;
+            }
+        }
+    }
+}
+
+/// Whether the ray hits anything in the subtree `start` before `tmax`.
+#[inline(always)]
+pub(crate) fn occluded<S: Simd, const PREFETCH: bool, K: Filter>(
+    tree: &Tree,
+    start: Child,
+    ray: &SingleRay,
+    instance: u32,
+    filter: &K,
+    shapes: &impl Shapes,
+    tmax: f32,
+) -> bool {
+    let mut stack = Stack::<u32>::new();
+    let mut current = start;
+    let limit = tmax * ONE_PLUS;
+    loop {
+        match current.target() {
+            Target::Node(index) => {
+                // SAFETY: `Tree::new` has checked every child.
+                let node = unsafe { tree.nodes().get_unchecked(index as usize) };
+                let (mask, _) = node.enter::<S>(ray, S::F8::splat(limit));
+                let children = S::compress(&node.children.map(|child| child.0), mask);
+                // SAFETY: `Tree::new` has checked that the stack is large enough for all pushes on the way and eight
+                // more.
+                unsafe { stack.places.as_mut_ptr().add(stack.len).cast::<[u32; 8]>().write_unaligned(children) };
+                stack.len += mask.count_ones() as usize;
+                if PREFETCH {
+                    for &child in &children[..mask.count_ones() as usize] {
+                        prefetch(tree, Child(child));
+                    }
+                }
+            }
+            Target::Blocks { first, count } => {
+                for i in first..first + count {
+                    // SAFETY: `Tree::new` has checked every child.
+                    let block = unsafe { tree.blocks().get_unchecked(i as usize) };
+                    if block.occluded::<S>(ray, instance, filter, tmax) {
+                        return true;
+                    }
+                }
+            }
+            Target::Shape(index) => {
+                if shapes.occluded(&tree.shapes()[index as usize], ray, tmax) {
+                    return true;
+                }
+            }
+        }
+        let Some(child) = stack.pop() else { return false };
+        current = Child(child);
+    }
+}

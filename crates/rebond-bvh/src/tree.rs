@@ -1,0 +1,124 @@
+//! The finished tree over one geometry, or over the instances.
+
+use crate::Filter;
+use crate::node::{Child, Node, Target};
+use crate::ray::{Best, SingleRay};
+use crate::shape::Shape;
+use crate::single::Shapes;
+use crate::triangle::{Block, in_f64};
+
+/// A tree and what its leaves hold.
+///
+/// Every child of every node refers to an element that is there, and no way from `root` down needs more than
+/// [`STACK`](crate::single::STACK) places of a stack: [`Tree::new`] sees to both.
+#[derive(Debug)]
+pub(crate) struct Tree {
+    nodes: Vec<Node>,
+    blocks: Vec<Block>,
+    shapes: Vec<Shape>,
+    root: Option<Child>,
+    /// Bounds of everything; lower above upper if there is nothing.
+    pub bounds: ([f32; 3], [f32; 3]),
+    /// Largest absolute coordinate of the bounds.
+    pub extent: f32,
+    /// Too large for the cache: fetch ahead.
+    pub large: bool,
+}
+
+pub(crate) const NO_BOUNDS: ([f32; 3], [f32; 3]) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+
+/// Trees of more bytes than this fetch children ahead.
+const LARGE: usize = 4 << 20;
+
+impl Tree {
+    /// A tree of nothing.
+    pub fn empty() -> Self {
+        Self {
+            nodes: Vec::new(),
+            blocks: Vec::new(),
+            shapes: Vec::new(),
+            root: None,
+            bounds: NO_BOUNDS,
+            extent: 0.0,
+            large: false,
+        }
+    }
+
+    /// None if the tree is too deep for the queries' stack.
+    ///
+    /// # Panics
+    /// If a child refers to something that is not there, or to a node before its parent.
+    pub fn new(
+        nodes: Vec<Node>,
+        blocks: Vec<Block>,
+        shapes: Vec<Shape>,
+        root: Child,
+        bounds: ([f32; 3], [f32; 3]),
+    ) -> Option<Self> {
+        // Children come after their parents, so one pass from the back finds how much stack each subtree needs.
+        let mut need = vec![0_u16; nodes.len()];
+        let check = |child: Child| match child.target() {
+            Target::Node(index) => assert!((index as usize) < nodes.len()),
+            Target::Blocks { first, count } => assert!((first + count) as usize <= blocks.len()),
+            Target::Shape(index) => assert!((index as usize) < shapes.len()),
+        };
+        check(root);
+        for (i, node) in nodes.iter().enumerate().rev() {
+            let (mut children, mut deepest) = (0_u16, 0);
+            for (slot, &child) in node.children.iter().enumerate() {
+                check(child);
+                if node.planes[0][slot] <= node.planes[1][slot] {
+                    children += 1;
+                    if let Target::Node(index) = child.target() {
+                        assert!(index as usize > i);
+                        deepest = deepest.max(need[index as usize]);
+                    }
+                }
+            }
+            need[i] = (deepest + children).min(u16::MAX / 2);
+        }
+        let deepest = if let Target::Node(index) = root.target() { need[index as usize] } else { 0 };
+        if usize::from(deepest) + 8 > crate::single::STACK {
+            return None;
+        }
+        let extent = bounds.0.iter().chain(&bounds.1).fold(0.0, |m: f32, x| m.max(x.abs()));
+        let mut tree = Self { nodes, blocks, shapes, root: Some(root), bounds, extent, large: false };
+        tree.large = tree.bytes() > LARGE;
+        Some(tree)
+    }
+
+    pub fn bytes(&self) -> usize {
+        size_of_val(&*self.nodes) + size_of_val(&*self.blocks) + size_of_val(&*self.shapes)
+    }
+    pub fn nodes(&self) -> &[Node] {
+        &self.nodes
+    }
+    pub fn blocks(&self) -> &[Block] {
+        &self.blocks
+    }
+    pub fn shapes(&self) -> &[Shape] {
+        &self.shapes
+    }
+    pub fn root(&self) -> Option<Child> {
+        self.root
+    }
+
+    /// The nearest hit by looking at everything, in f64.
+    #[cold]
+    pub fn scan(&self, ray: &SingleRay, instance: u32, filter: &impl Filter, shapes: &impl Shapes, best: &mut Best) {
+        for block in &self.blocks {
+            for i in 0..4 {
+                let primitive = block.primitive[i];
+                if let Some([t, u, v]) = in_f64(block.corners(i), ray)
+                    && best.yields_to(t, primitive, instance)
+                    && filter.keep(primitive, instance, u, v)
+                {
+                    *best = Best { t, u, v, primitive, instance };
+                }
+            }
+        }
+        for shape in &self.shapes {
+            shapes.closest(shape, ray, best);
+        }
+    }
+}

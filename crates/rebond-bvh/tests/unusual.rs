@@ -1,0 +1,207 @@
+//! Empty scenes, bad input, rays that are not numbers, instances.
+
+mod common;
+use common::*;
+use rebond_bvh::{Accel, BuildError, BuildOptions, Geometry, Instance, MISS, Preset, Ray, Sphere};
+use rebond_lanes::{F32x16, Index, Mask, Real};
+
+fn build(geometries: Vec<Geometry>, instances: Vec<Instance>) -> Result<Accel, BuildError> {
+    Accel::build(geometries, instances, &BuildOptions::default()).map(|built| built.0)
+}
+
+#[test]
+fn nothing() {
+    for accel in [
+        build(vec![], vec![]).unwrap(),
+        build(vec![Geometry::default()], vec![instance(0, IDENTITY)]).unwrap(),
+        build(vec![blob(1, 0.0)], vec![]).unwrap(),
+        build(vec![Geometry::default()], vec![instance(0, IDENTITY), instance(0, IDENTITY)]).unwrap(),
+    ] {
+        let (lo, hi) = accel.bounds();
+        assert!(lo[0] > hi[0]);
+        let ray = ray([0.0; 3], [0.0, 0.0, 1.0]);
+        assert_eq!(closest(&accel, &ray), None);
+        assert!(!accel.occluded(&ray, true));
+    }
+}
+
+#[test]
+fn errors_and_counts() {
+    let broken = Geometry { positions: vec![[0.0; 3]; 3], triangles: vec![[0, 1, 2], [0, 1, 3]], ..Default::default() };
+    assert_eq!(
+        build(vec![Geometry::default(), broken], vec![]).unwrap_err(),
+        BuildError::VertexOutOfRange { geometry: 1, triangle: 1 }
+    );
+    assert_eq!(
+        build(vec![], vec![instance(3, IDENTITY)]).unwrap_err(),
+        BuildError::MissingGeometry { instance: 0, geometry: 3 }
+    );
+    let mut flat = IDENTITY;
+    flat[1][1] = 0.0;
+    assert_eq!(
+        build(vec![blob(1, 0.0)], vec![instance(0, IDENTITY), instance(0, flat)]).unwrap_err(),
+        BuildError::SingularMatrix { instance: 1 }
+    );
+    flat[1][1] = f32::NAN;
+    assert_eq!(
+        build(vec![blob(1, 0.0)], vec![instance(0, flat)]).unwrap_err(),
+        BuildError::NonFiniteMatrix { instance: 0 }
+    );
+    let mut mesh = blob(2, 0.0);
+    let n = mesh.triangles.len() as u32;
+    mesh.positions.push([f32::NAN, 0.0, 0.0]);
+    mesh.positions.push([0.0, f32::INFINITY, 0.0]);
+    let last = mesh.positions.len() as u32 - 1;
+    mesh.triangles.insert(0, [0, 0, 1]);
+    mesh.triangles.insert(1, [0, 1, last]);
+    mesh.triangles.insert(2, [0, 1, last - 1]);
+    mesh.spheres.push(Sphere { center: [0.0; 3], radius: -1.0 });
+    mesh.spheres.push(Sphere { center: [9.0, 0.0, 0.0], radius: 1.0 });
+    let (accel, report) = Accel::build(vec![mesh], vec![instance(0, IDENTITY)], &BuildOptions::default()).unwrap();
+    assert_eq!((report.degenerate_triangles, report.non_finite_triangles, report.invalid_shapes), (1, 2, 1));
+    assert_eq!(closest(&accel, &ray([20.0, 0.0, 0.0], [-1.0, 0.0, 0.0])), Some((n + 4, 10.0)));
+    assert!((3..n + 3).contains(&closest(&accel, &ray([0.0; 3], [0.3, 0.2, 1.0])).unwrap().0));
+}
+
+#[test]
+fn rays_that_are_not_numbers_miss() {
+    let mesh = together([
+        blob(8, 0.1),
+        Geometry { spheres: vec![Sphere { center: [0.0; 3], radius: 0.1 }], ..Default::default() },
+    ]);
+    let scenes = [
+        accel(&mesh, Preset::Default),
+        accel(&blob(1, 0.0), Preset::Default),
+        build(
+            vec![mesh],
+            vec![
+                instance(0, IDENTITY),
+                instance(0, [[2.0, 0.0, 0.0, 1.0], [0.0, 2.0, 0.0, 0.0], [0.0, 0.0, 2.0, 0.0]]),
+            ],
+        )
+        .unwrap(),
+    ];
+    let odd =
+        [0.0, -0.0, 1.0, -1.0, 1e-45, 1e-38, 1e-20, 1e20, 3e38, f32::MAX, f32::INFINITY, f32::NEG_INFINITY, f32::NAN];
+    let mut random = Random::new(4);
+    for accel in &scenes {
+        let mut pick = || odd[random.below(odd.len())];
+        for i in 0..20_000 {
+            let mut o: [f32; 3] = std::array::from_fn(|_| pick());
+            if i % 2 == 0 {
+                o = [0.3, 0.2, 0.1];
+            }
+            let d: [f32; 3] = std::array::from_fn(|_| pick());
+            let ray = Ray { o, d, tmax: if i % 3 == 0 { pick() } else { f32::INFINITY }, time: pick() };
+            let hit = accel.closest(&ray, true, i % 5 == 0);
+            let dark = accel.occluded(&ray, true);
+            let finite = o.iter().chain(&d).all(|x| x.is_finite()) && d != [0.0; 3] && ray.tmax >= 0.0;
+            if !finite {
+                assert!(hit.primitive.lane(0) == MISS && !dark, "{ray:?}");
+            }
+            assert_eq!(hit.primitive.lane(0) != MISS, dark, "{ray:?}");
+            let wide = Ray {
+                o: o.map(F32x16::splat),
+                d: d.map(F32x16::splat),
+                tmax: F32x16::splat(ray.tmax),
+                time: F32x16::splat(ray.time),
+            };
+            let mask = <F32x16 as Real>::Mask::from_bits(0x00f3);
+            let packet = accel.closest(&wide, mask, i % 5 == 0);
+            for lane in 0..16 {
+                let expected = if mask.bits() >> lane & 1 == 1 { hit.primitive.lane(0) } else { MISS };
+                assert_eq!(packet.primitive.lane(lane), expected, "{ray:?}");
+            }
+            assert_eq!(accel.occluded(&wide, mask).bits(), if dark { 0x00f3 } else { 0 }, "{ray:?}");
+        }
+        let inside = ray([0.3, 0.2, 0.1], [1.0, 2.0, -1.0]);
+        let (primitive, t) = closest(accel, &inside).unwrap();
+        for scale in [1e-30_f32, 1e-15, 1e15, 1e30] {
+            let (p, s) = closest(accel, &ray(inside.o, inside.d.map(|x| x * scale))).unwrap();
+            assert!(p == primitive && (s * scale / t - 1.0).abs() < 1e-5);
+        }
+    }
+}
+
+#[test]
+fn vast_scenes() {
+    let mesh = moved(blob(4, 0.0), [1e30; 3], [0.0; 3]);
+    let accel = accel(&mesh, Preset::Default);
+    let mut random = Random::new(6);
+    for _ in 0..500 {
+        let (_, t) = closest(&accel, &ray([0.0; 3], random.direction())).unwrap();
+        assert!((9e29..1.1e30).contains(&t));
+    }
+}
+
+#[test]
+fn instances_are_moved_copies() {
+    let turn = [[0.0, -2.0, 0.0, 3.0], [1.5, 0.0, 0.25, -1.0], [0.0, 0.0, -1.0, 0.5]];
+    let through = |m: &[[f32; 4]; 3], p: [f32; 3]| -> [f32; 3] {
+        std::array::from_fn(|i| m[i][0] * p[0] + m[i][1] * p[1] + m[i][2] * p[2] + m[i][3])
+    };
+    let (a, b) = (blob(6, 0.3), room(2, [-0.5; 3], [0.5; 3]));
+    let (na, nb) = (a.triangles.len() as u32, b.triangles.len() as u32);
+    let placed =
+        build(vec![a.clone(), b.clone()], vec![instance(1, turn), instance(0, IDENTITY), instance(0, turn)]).unwrap();
+    let move_all = |mut g: Geometry| {
+        g.positions.iter_mut().for_each(|p| *p = through(&turn, *p));
+        g
+    };
+    let flat = accel(&together([move_all(b), a.clone(), move_all(a)]), Preset::Default);
+    let mut random = Random::new(8);
+    let mut hits = 0;
+    for _ in 0..4000 {
+        let ray = ray(random.point([-3.0; 3], [5.0; 3]), random.direction());
+        let one = placed.closest(&ray, true, false);
+        let other = flat.closest(&ray, true, false);
+        let expected = match other.primitive.lane(0) {
+            MISS => (MISS, MISS),
+            i if i < nb => (0, na + i),
+            i if i < nb + na => (1, i - nb),
+            i => (2, i - nb - na),
+        };
+        if (one.instance.lane(0), one.primitive.lane(0)) == expected {
+            hits += 1;
+            assert!((one.t - other.t).abs() <= 1e-4 * one.t.min(1e9).max(1.0));
+        }
+        assert_eq!(placed.occluded(&ray, true), one.primitive.lane(0) != MISS);
+    }
+    assert!(hits > 3990, "{hits}");
+}
+
+#[test]
+fn moving_instances() {
+    let keyframes = vec![(0.0, IDENTITY), (1.0, [[1.0, 0.0, 0.0, 10.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])];
+    let accel = build(vec![room(1, [-1.0; 3], [1.0; 3])], vec![Instance { geometry: 0, keyframes }]).unwrap();
+    let at = |time: f32| Ray { o: [-20.0, 0.3, 0.1], d: [1.0, 0.0, 0.0], tmax: f32::INFINITY, time };
+    for (time, t) in [(-1.0, 19.0), (0.0, 19.0), (0.5, 24.0), (1.0, 29.0), (2.0, 29.0)] {
+        assert!((closest(&accel, &at(time)).unwrap().1 - t).abs() < 1e-4);
+    }
+    let (lo, hi) = accel.bounds();
+    assert!(lo[0] <= -1.0 && hi[0] >= 11.0 && hi[0] < 11.01);
+}
+
+#[test]
+fn filters_see_through() {
+    let mesh = together((0..100).map(|i| moved(room(1, [-1.0; 3], [1.0; 3]), [1.0, 1.0, 0.0], [0.0, 0.0, i as f32])));
+    let accel = accel(&mesh, Preset::Default);
+    let ray = ray([0.3, 0.2, -1.0], [0.0, 0.0, 1.0]);
+    let keep = |primitive: u32, _: u32, _: f32, _: f32| primitive / 12 == 70;
+    let hit = accel.closest_where(&ray, true, false, &keep);
+    assert_eq!((hit.primitive.lane(0) / 12, hit.t), (70, 71.0));
+    assert!(accel.occluded_where(&ray, true, &keep));
+    assert!(!accel.occluded_where(&Ray { tmax: 70.5, ..ray }, true, &keep));
+}
+
+#[test]
+fn same_tree_for_any_number_of_threads() {
+    let mesh = together([blob(60, 0.3), soup(3000, 0.2, &mut Random::new(9))]);
+    let describe = |threads: usize, preset: Preset| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        format!("{:?}", pool.install(|| accel(&mesh, preset)))
+    };
+    for preset in [Preset::Fast, Preset::Default, Preset::Quality] {
+        assert!(describe(1, preset) == describe(3, preset));
+    }
+}
