@@ -86,7 +86,7 @@ fn rays_that_are_not_numbers_miss() {
     let mut random = Random::new(4);
     for accel in &scenes {
         let mut pick = || odd[random.below(odd.len())];
-        for i in 0..20_000 {
+        for i in 0..4_000 {
             let mut o: [f32; 3] = std::array::from_fn(|_| pick());
             if i % 2 == 0 {
                 o = [0.3, 0.2, 0.1];
@@ -163,7 +163,7 @@ fn instances_are_moved_copies() {
         };
         if (one.instance.lane(0), one.primitive.lane(0)) == expected {
             hits += 1;
-            assert!((one.t - other.t).abs() <= 1e-4 * one.t.min(1e9).max(1.0));
+            assert!(one.t == other.t || (one.t - other.t).abs() <= 1e-4 * one.t.max(1.0));
         }
         assert_eq!(placed.occluded(&ray, true), one.primitive.lane(0) != MISS);
     }
