@@ -1,1 +1,83 @@
-fn main(){}
+//! The `rebond` program: arguments, progress, reports.
+
+mod diff;
+mod list;
+mod output;
+mod progress;
+mod render;
+
+use clap::{Parser, Subcommand};
+use std::process::ExitCode;
+
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
+/// A physically based renderer that proves its answer right.
+#[derive(Parser)]
+#[command(name = "rebond", version, about, max_term_width = 110)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Render a scene to image files.
+    Render(render::Arguments),
+    /// Measure how far apart two images are.
+    Diff(diff::Arguments),
+    /// List the built-in scenes.
+    Scenes(list::JsonFlag),
+    /// Say what a scene is made of.
+    Info(list::InfoArguments),
+    /// List the integrators and their settings.
+    Integrators(list::JsonFlag),
+}
+
+/// Why a command did not do what it should.
+enum Failure {
+    /// Bad usage or a bad scene: exit code 2.
+    Input(Box<rebond_io::Error>),
+    /// The run failed: exit code 1.
+    Run(String),
+    /// Interrupted; what was rendered is written: exit code 130.
+    Interrupted,
+}
+
+impl From<rebond_io::Error> for Failure {
+    fn from(e: rebond_io::Error) -> Self {
+        Self::Input(Box::new(e))
+    }
+}
+
+impl Failure {
+    /// Bad usage, with advice.
+    fn usage(message: impl Into<String>, help: impl Into<String>) -> Self {
+        Self::from(rebond_io::Error::new(message).with_help(help))
+    }
+}
+
+fn main() -> ExitCode {
+    let outcome = match Arguments::parse().command {
+        Command::Render(a) => render::run(&a),
+        Command::Diff(a) => diff::run(&a),
+        Command::Scenes(a) => list::scenes(&a),
+        Command::Info(a) => list::info(&a),
+        Command::Integrators(a) => list::integrators(&a),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(Failure::Input(error)) => {
+            output::note(error.snippet().trim_end());
+            ExitCode::from(2)
+        }
+        Err(Failure::Run(message)) => {
+            output::note(&format!("error: {message}"));
+            ExitCode::from(1)
+        }
+        Err(Failure::Interrupted) => {
+            output::note("interrupted");
+            ExitCode::from(130)
+        }
+    }
+}

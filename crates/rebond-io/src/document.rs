@@ -85,6 +85,8 @@ impl Node {
 impl Document {
     /// Reads TOML; `file` is what errors call it.
     pub fn parse_toml(text: &str, file: &str) -> Result<Self, Error> {
+        // A byte order mark is no column.
+        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         let mut document = Self { root: Node::default(), file: Some(file.to_string()), text: Some(text.to_string()) };
         let table = DeTable::parse(text).map_err(|e| {
             document.error_in(e.span(), String::new(), format!("not valid TOML: {}", e.message().trim()))

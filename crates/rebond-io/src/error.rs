@@ -72,20 +72,20 @@ impl Error {
         let mut out = format!("error: {}\n", self.message);
         // Writing to a string cannot fail.
         if let (None, None, false) = (&self.file, &self.place, self.path.is_empty()) {
-            let _ = writeln!(out, "{margin} --> {}", self.path);
+            let _ = writeln!(out, "{margin}--> {}", self.path);
         } else if self.file.is_some() || self.place.is_some() {
-            let _ = writeln!(out, "{margin} --> {}", self.address());
+            let _ = writeln!(out, "{margin}--> {}", self.address());
         }
         if let Some(place) = &self.place {
             // A tab must stay a tab under the line, for the carets to stand where they should.
             let before = place.source_line.chars().take(place.column.saturating_sub(1));
             let indent: String = before.map(|c| if c == '\t' { '\t' } else { ' ' }).collect();
-            let _ = writeln!(out, "{margin}  |");
-            let _ = writeln!(out, "{number}  | {}", place.source_line);
-            let _ = writeln!(out, "{margin}  | {indent}{}", "^".repeat(place.width.max(1)));
+            let _ = writeln!(out, "{margin} |");
+            let _ = writeln!(out, "{}", format_args!("{number} | {}", place.source_line).to_string().trim_end());
+            let _ = writeln!(out, "{margin} | {indent}{}", "^".repeat(place.width.max(1)));
         }
         if let Some(help) = &self.help {
-            let _ = writeln!(out, "{margin}  = help: {help}");
+            let _ = writeln!(out, "{margin} = help: {help}");
         }
         out
     }

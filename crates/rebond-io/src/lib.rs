@@ -6,9 +6,11 @@ pub mod document;
 mod error;
 pub mod images;
 pub mod meshes;
+mod scene;
 
 pub use deserialize::{from_settings, from_toml};
 pub use document::Document;
 pub use error::{Error, Place};
 pub use images::{ImageFormat, PngOptions, Tonemap, read_image, read_image_raw, write_image};
+pub use scene::{BUILT_IN_SCENES, BuiltIn, SceneFiles, SceneSource};
 pub use meshes::{MeshData, read_mesh, read_obj, read_ply, write_ply};

@@ -206,6 +206,7 @@ fn reads_a_scene() {
 
 /// Text, line, column, part of the message, part of the help.
 const BAD: &[(&str, usize, usize, &str, &str)] = &[
+    ("\u{feff}nmae = 3", 1, 1, "unknown key", ""),
     ("name = ", 1, 8, "not valid TOML", ""),
     ("name = 'a'\nname = 'b'", 2, 1, "duplicate key", ""),
     ("nmae = 'x'", 1, 1, "unknown key \"nmae\"", "did you mean \"name\"? valid keys: name, max-depth"),
@@ -301,7 +302,7 @@ fn errors_show_themselves() {
     let error = from_toml::<Scene>("[camera]\n\tfov = nan # ö\r\norigin=[0,0,0]", "a/b.toml").unwrap_err();
     assert_eq!(error.to_string(), "a/b.toml:2:8: expected a number, found `nan`");
     let snippet =
-        "error: expected a number, found `nan`\n  --> a/b.toml:2:8\n   |\n2  | \tfov = nan # ö\n   | \t      ^^^\n";
+        "error: expected a number, found `nan`\n --> a/b.toml:2:8\n  |\n2 | \tfov = nan # ö\n  | \t      ^^^\n";
     assert_eq!(error.snippet(), snippet);
     let error = from_toml::<Scene>("nmae = 1", "s.toml").unwrap_err();
     assert_eq!(error.to_string(), format!("s.toml:1:1: unknown key \"nmae\"\n  help: {}", error.help.unwrap()));

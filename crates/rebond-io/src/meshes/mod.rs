@@ -7,20 +7,7 @@ use crate::error::Error;
 
 pub use obj::read_obj;
 pub use ply::{read_ply, write_ply};
-
-/// Triangles over shared vertices. Every index is valid and the optional lists are as long as the positions; positions
-/// may still be NaN or infinite, and triangles degenerate.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct MeshData {
-    /// Where the vertices are.
-    pub positions: Vec<[f32; 3]>,
-    /// The vertices' shading normals as the file has them, of any length.
-    pub normals: Option<Vec<[f32; 3]>>,
-    /// The vertices' texture coordinates.
-    pub uvs: Option<Vec<[f32; 2]>>,
-    /// Three vertices each, counter-clockwise seen from the front.
-    pub triangles: Vec<[u32; 3]>,
-}
+pub use rebond::shape::MeshData;
 
 /// Reads a mesh in either format, known by its content; `name` is what errors call it.
 pub fn read_mesh(bytes: &[u8], name: &str) -> Result<MeshData, Error> {

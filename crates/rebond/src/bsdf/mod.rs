@@ -11,6 +11,7 @@ mod dielectric;
 mod diffuse;
 pub mod fresnel;
 mod ggx;
+pub use ggx::SMOOTH;
 mod mirror;
 mod phong;
 mod rough_conductor;
@@ -240,7 +241,7 @@ impl<F: Real> Bsdf<F> {
 
     /// A direction given `known`, from three numbers in [0, 1): two for the direction, one for the choice of a lobe.
     #[inline(always)]
-    pub fn sample(&self, known: Vec3<F>, u: [F; 2], choice: F, mode: TransportMode, mask: F::Mask) -> BsdfSample<F> {
+    pub fn sample(&self, known: Vec3<F>, u: [F; 2], choice: impl Fn() -> F, mode: TransportMode, mask: F::Mask) -> BsdfSample<F> {
         let a = self.frame.to_local(known);
         let mask = mask & self.consistent(known, a.z);
         let mut sample = BsdfSample::failed();
@@ -248,9 +249,9 @@ impl<F: Real> Bsdf<F> {
             let s = match model {
                 Model::Diffuse => diffuse::sample(&self.lobe, a, u),
                 Model::Mirror => mirror::sample(&self.lobe, a),
-                Model::Dielectric => dielectric::sample(&self.lobe, a, choice, mode),
+                Model::Dielectric => dielectric::sample(&self.lobe, a, choice(), mode),
                 Model::Conductor => conductor::sample(&self.lobe, a),
-                Model::RoughDielectric => rough_dielectric::sample(&self.lobe, a, u, choice, mode),
+                Model::RoughDielectric => rough_dielectric::sample(&self.lobe, a, u, choice(), mode),
                 Model::RoughConductor => rough_conductor::sample(&self.lobe, a, u),
                 Model::Phong => phong::sample(&self.lobe, a, u),
                 Model::PhongLecture => phong::sample_lecture(&self.lobe, a, u),

@@ -61,7 +61,7 @@ fn samples_follow_their_densities() {
             let sample = |u: [f32; 2]| {
                 // A third number for the lobe, from digits of the two that the bins do not see.
                 let choice = (u[0] * 4096.0).fract();
-                let s = bsdf.sample(known, u, choice, mode, true);
+                let s = bsdf.sample(known, u, || choice, mode, true);
                 s.weight.is_lit().then(|| bsdf.frame.to_local(s.w))
             };
             let pdf = |w| bsdf.eval(known, bsdf.frame.to_world(w), mode, true).pdf.0;
@@ -83,7 +83,7 @@ fn weights_are_value_times_cosine_over_density() {
             let known = bsdf.frame.to_world(local);
             for (i, u) in random_pairs(300).enumerate() {
                 for mode in [TransportMode::Radiance, TransportMode::Importance] {
-                    let s = bsdf.sample(known, u, i as f32 / 300.0, mode, true);
+                    let s = bsdf.sample(known, u, || i as f32 / 300.0, mode, true);
                     if !s.weight.is_lit() {
                         continue;
                     }
@@ -134,7 +134,7 @@ fn albedo(model: Model, p: [f32; 8], local: Vec3<f32>) -> Vec<f64> {
     bsdf.lobe.color = Rgb::white();
     let known = bsdf.frame.to_world(local);
     let weights = random_pairs(40_000).map(|u| {
-        let s = bsdf.sample(known, u, (u[1] * 4096.0).fract(), TransportMode::Importance, true);
+        let s = bsdf.sample(known, u, || (u[1] * 4096.0).fract(), TransportMode::Importance, true);
         f64::from(s.weight.g)
     });
     weights.collect()
@@ -172,10 +172,10 @@ fn smooth_glass_keeps_power_and_squeezes_radiance() {
     let glass = bsdf(Model::Dielectric, [1.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
     for local in directions() {
         let known = glass.frame.to_world(local);
-        let (reflected, rest) = (glass.sample(known, [0.5; 2], 0.0, TransportMode::Importance, true), 0.999_999);
+        let (reflected, rest) = (glass.sample(known, [0.5; 2], || 0.0, TransportMode::Importance, true), 0.999_999);
         assert!((glass.frame.to_local(reflected.w) - vec3(-local.x, -local.y, local.z)).length() < 1e-5);
-        let power = glass.sample(known, [0.5; 2], rest, TransportMode::Importance, true);
-        let radiance = glass.sample(known, [0.5; 2], rest, TransportMode::Radiance, true);
+        let power = glass.sample(known, [0.5; 2], || rest, TransportMode::Importance, true);
+        let radiance = glass.sample(known, [0.5; 2], || rest, TransportMode::Radiance, true);
         let eta = if local.z > 0.0 { 1.5_f32 } else { 1.0 / 1.5 };
         if power.eta == 1.0 {
             assert!(local.z < 0.0, "only the inside reflects totally");
@@ -235,11 +235,11 @@ fn lanes_agree_with_single_points() {
         let known = f.to_world(local);
         for u in random_pairs(50) {
             let mode = TransportMode::Radiance;
-            let s = wide.sample(wide_vector(known), u.map(F32x16::splat), F32x16::splat(u[0]), mode, mask);
+            let s = wide.sample(wide_vector(known), u.map(F32x16::splat), || F32x16::splat(u[0]), mode, mask);
             let other = f.to_world(crate::sampling::warp::uniform_sphere(u));
             let v = wide.eval(wide_vector(known), wide_vector(other), mode, mask);
             for lane in 0..16 {
-                let one = narrow[lane].sample(known, u, u[0], mode, true);
+                let one = narrow[lane].sample(known, u, || u[0], mode, true);
                 assert_eq!(s.weight.lane(lane), one.weight.lane(0), "{}", lanes[lane].0);
                 if one.weight.is_lit() {
                     assert_eq!((s.w.lane(lane), s.pdf.0.lane(lane)), (one.w.lane(0), one.pdf.0), "{}", lanes[lane].0);

@@ -1,5 +1,9 @@
 //! Where samples are gathered, exactly, and developed to an image.
 
+mod accumulator;
+mod filter;
 mod image;
 
+pub use accumulator::{Film, Pixel};
+pub use filter::{Filter, FilterSettings};
 pub use image::{Channel, Image, Layer};

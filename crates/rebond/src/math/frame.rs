@@ -33,7 +33,10 @@ impl<F: Real> Frame<F> {
         let length2 = s.length_squared();
         let usable = length2.gt(tangent.length_squared() * 1e-8);
         let any = Self::around(n);
-        let s = Vec3::select(usable, s * length2.sqrt().recip(), any.s);
+        // A second projection: the first leaves rounding errors as large as what was taken away.
+        let s = s * length2.sqrt().recip();
+        let s = (s - n * n.dot(s)).normalized();
+        let s = Vec3::select(usable, s, any.s);
         Self { s, t: n.cross(s), n }
     }
 

@@ -5,7 +5,7 @@ mod rgb;
 mod vec3;
 
 pub use frame::Frame;
-pub use rgb::Rgb;
+pub use rgb::{LUMINANCE, Rgb, luminance};
 pub use vec3::{Vec3, vec3};
 
 use rebond_lanes::Real;

@@ -49,10 +49,10 @@ impl<F: Real> Rgb<F> {
     pub fn lane(self, i: usize) -> [f32; 3] {
         [self.r.lane(i), self.g.lane(i), self.b.lane(i)]
     }
-    /// Relative luminance (Rec. 709 weights).
+    /// Relative luminance
     #[inline(always)]
     pub fn luminance(self) -> F {
-        self.r * 0.2126 + self.g * 0.7152 + self.b * 0.0722
+        self.r * LUMINANCE[0] + self.g * LUMINANCE[1] + self.b * LUMINANCE[2]
     }
     /// The largest channel.
     #[inline(always)]
@@ -81,9 +81,12 @@ impl<F: Real> Rgb<F> {
     }
 }
 
-/// Relative luminance of an RGB triple (Rec. 709 weights).
+/// Weights of red, green and blue in the relative luminance (Rec. 709).
+pub const LUMINANCE: [f32; 3] = [0.2126, 0.7152, 0.0722];
+
+/// Relative luminance of an RGB triple.
 pub fn luminance(c: [f32; 3]) -> f32 {
-    0.2126 * c[0] + 0.7152 * c[1] + 0.0722 * c[2]
+    LUMINANCE[0] * c[0] + LUMINANCE[1] * c[1] + LUMINANCE[2] * c[2]
 }
 
 impl<F: Real> Add for Rgb<F> {

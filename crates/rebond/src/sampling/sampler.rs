@@ -20,14 +20,10 @@ pub enum SamplerSettings {
     Independent {},
     /// Jittered strata: each block of `samples` samples (rounded up to a power of two) has one sample in every stratum.
     Stratified {
-        /// Samples per block; 64 if not given.
-        #[serde(default = "stratified_block")]
+        /// Samples per block; those of the whole render if not given.
+        #[serde(default)]
         samples: u32,
     },
-}
-
-fn stratified_block() -> u32 {
-    64
 }
 
 impl Default for SamplerSettings {

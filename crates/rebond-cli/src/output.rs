@@ -1,0 +1,85 @@
+//! What the program says, and the files it writes.
+
+use crate::Failure;
+use rebond::film::Image;
+use rebond_io::{ImageFormat, PngOptions, write_image};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// The answer, on standard output. A reader that went away is no error.
+pub fn answer(text: &str) {
+    let _ = writeln!(std::io::stdout().lock(), "{text}");
+}
+
+/// Anything else, on standard error.
+pub fn note(text: &str) {
+    let _ = writeln!(std::io::stderr().lock(), "{text}");
+}
+
+/// The formats of these files, and a look at whether they can be written at all, before any work is done.
+pub fn check(paths: &[PathBuf]) -> Result<(), Failure> {
+    for path in paths {
+        ImageFormat::of_name(&path.to_string_lossy())?;
+        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        if !folder.is_dir() {
+            let message = format!("there is no folder \"{}\" for the output \"{}\"", folder.display(), path.display());
+            return Err(Failure::usage(message, "create it, or name another place with -o"));
+        }
+        if path.is_dir() {
+            return Err(Failure::usage(format!("the output \"{}\" is a folder", path.display()), "name a file with -o"));
+        }
+    }
+    Ok(())
+}
+
+/// Writes an image to each of the files. If one cannot be written the picture is saved in the folder for temporary
+/// files instead, so that no work is lost.
+pub fn write(image: &Image, paths: &[PathBuf], png: &PngOptions) -> Result<(), Failure> {
+    let mut failed = Vec::new();
+    for path in paths {
+        if let Err(e) = write_one(image, path, png) {
+            failed.push(format!("cannot write \"{}\": {e}", path.display()));
+        }
+    }
+    if failed.is_empty() {
+        return Ok(());
+    }
+    let rescue = std::env::temp_dir().join(format!("rebond-{}.exr", std::process::id()));
+    let outcome = match write_one(image, &rescue, png) {
+        Ok(()) => format!("the picture was saved as \"{}\"", rescue.display()),
+        Err(e) => format!("nor could it be saved as \"{}\": {e}", rescue.display()),
+    };
+    Err(Failure::Run(format!("{}; {outcome}", failed.join("; "))))
+}
+
+/// Writes beside the file and renames, so that a failure leaves no half of one.
+fn write_one(image: &Image, path: &Path, png: &PngOptions) -> Result<(), String> {
+    let format = ImageFormat::of_name(&path.to_string_lossy()).map_err(|e| e.message)?;
+    let bytes = write_image(image, format, png).map_err(|e| e.message)?;
+    let mut beside = path.as_os_str().to_owned();
+    beside.push(".part");
+    let written = std::fs::write(&beside, bytes).and_then(|()| std::fs::rename(&beside, path));
+    written.map_err(|e| {
+        let _ = std::fs::remove_file(&beside);
+        e.to_string()
+    })
+}
+
+/// The most memory this process has used, where the system tells.
+pub fn peak_memory_bytes() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;
+    Some(line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? * 1024)
+}
+
+/// Bytes as a person reads them.
+pub fn bytes(n: u64) -> String {
+    let mut x = n as f64;
+    for unit in ["B", "kB", "MB"] {
+        if x < 1000.0 {
+            return if unit == "B" { format!("{n} B") } else { format!("{x:.1} {unit}") };
+        }
+        x /= 1000.0;
+    }
+    format!("{x:.2} GB")
+}

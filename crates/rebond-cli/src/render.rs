@@ -1,0 +1,204 @@
+//! `rebond render`.
+
+use crate::output::{answer, check, note, peak_memory_bytes, write};
+use crate::progress::{Progress, catch_interrupt};
+use crate::Failure;
+use clap::Args;
+use rebond::film::Film;
+use rebond::integrators::IntegratorSettings;
+use rebond::render::{Budget, Engine, Region, render};
+use rebond::sampling::{Sampler, SamplerSettings};
+use rebond_io::{PngOptions, SceneSource, Tonemap, from_settings};
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+/// Samples per pixel where no budget is given.
+const DEFAULT_SAMPLES: u32 = 64;
+
+#[derive(Args)]
+pub struct Arguments {
+    /// A built-in scene (see `rebond scenes`) or a .toml file.
+    scene: String,
+    /// Integrator and settings, such as `path` or `path:max_depth=8`; the scene's own if not given.
+    #[arg(short, long)]
+    integrator: Option<String>,
+    /// Samples per pixel [default: 64, unless --time or --error is given].
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
+    spp: Option<u32>,
+    /// Time to render, such as 30s, 500ms, 2m.
+    #[arg(long, value_parser = duration)]
+    time: Option<Duration>,
+    /// Relative error to reach, such as 0.01.
+    #[arg(long, value_parser = positive)]
+    error: Option<f64>,
+    /// Size of the picture in pixels, in place of the scene's.
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    size: Option<[u32; 2]>,
+    /// Render only this part, in pixels from the top left.
+    #[arg(long, value_name = "X,Y,W,H", value_parser = crop)]
+    crop: Option<[u32; 4]>,
+    /// Seed of the sample values.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Threads to use [default: all].
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..))]
+    threads: Option<u16>,
+    /// Many paths at once, or one after the other for reference.
+    #[arg(long, value_enum, default_value_t = EngineName::Wavefront)]
+    engine: EngineName,
+    /// File to write (.exr .hdr .pfm .png); may be given several times [default: SCENE.png and SCENE.exr here].
+    #[arg(short, long, value_name = "FILE")]
+    output: Vec<PathBuf>,
+    /// Stops by which to brighten a PNG.
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
+    exposure: f32,
+    /// How a PNG fits bright colours.
+    #[arg(long, value_enum, default_value_t = TonemapName::None)]
+    tonemap: TonemapName,
+    /// No progress and no notes.
+    #[arg(long)]
+    quiet: bool,
+    /// Print one JSON object with the run's statistics.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum EngineName {
+    Wavefront,
+    Scalar,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum TonemapName {
+    None,
+    Reinhard,
+    Aces,
+}
+
+fn duration(text: &str) -> Result<Duration, String> {
+    let (number, unit) = text.split_at(text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len()));
+    let factor = match unit {
+        "ms" => 1e-3,
+        "s" | "" => 1.0,
+        "m" | "min" => 60.0,
+        "h" => 3600.0,
+        _ => return Err(format!("no unit of time \"{unit}\": use ms, s, m or h")),
+    };
+    let seconds = number.trim().parse::<f64>().map_err(|_| "not a time such as 30s".to_string())? * factor;
+    if seconds > 0.0 { Duration::try_from_secs_f64(seconds).map_err(|e| e.to_string()) } else { Err("not a positive time".into()) }
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if x > 0.0 && x.is_finite() => Ok(x),
+        _ => Err("not a positive number".into()),
+    }
+}
+
+fn numbers<const N: usize>(text: &str, separator: &[char]) -> Option<[u32; N]> {
+    let parts: Option<Vec<u32>> = text.split(separator).map(|p| p.trim().parse().ok()).collect();
+    parts?.try_into().ok()
+}
+
+fn size(text: &str) -> Result<[u32; 2], String> {
+    match numbers(text, &['x', 'X', '×']) {
+        Some([w, h]) if w > 0 && h > 0 => Ok([w, h]),
+        _ => Err("not a size such as 640x480".into()),
+    }
+}
+
+fn crop(text: &str) -> Result<[u32; 4], String> {
+    match numbers(text, &[',']) {
+        Some([x, y, w, h]) if w > 0 && h > 0 => Ok([x, y, w, h]),
+        _ => Err("not four numbers X,Y,W,H with W and H above 0".into()),
+    }
+}
+
+pub fn run(a: &Arguments) -> Result<(), Failure> {
+    let start = Instant::now();
+    let integrator: Option<IntegratorSettings> = a.integrator.as_deref().map(|i| from_settings(i).map(|(s, _)| s)).transpose()?;
+    let mut source = SceneSource::open(&a.scene)?;
+    let description = &mut source.description;
+    if let Some([w, h]) = a.size {
+        (description.film.width, description.film.height) = (w, h);
+    }
+    let [width, height] = [description.film.width, description.film.height];
+    let region = match a.crop {
+        None => Region::whole(width, height),
+        Some([x, y, w, h]) => {
+            if u64::from(x) + u64::from(w) > u64::from(width) || u64::from(y) + u64::from(h) > u64::from(height) {
+                let message = format!("the crop {x},{y},{w},{h} leaves the picture of {width}x{height} pixels");
+                return Err(Failure::usage(message, "give X,Y,W,H with X+W and Y+H within it"));
+            }
+            Region { x, y, width: w, height: h, full_width: width }
+        }
+    };
+    let outputs = match a.output.is_empty() {
+        false => a.output.clone(),
+        true => ["png", "exr"].map(|e| PathBuf::from(format!("{}.{e}", source.name))).to_vec(),
+    };
+    check(&outputs)?;
+    let settings = integrator.unwrap_or_else(|| source.description.integrator.clone());
+    let mut budget = Budget { samples: a.spp, time: a.time, error: a.error };
+    if budget == Budget::default() {
+        budget.samples = Some(DEFAULT_SAMPLES);
+    }
+    let threads = a.threads.map_or_else(|| std::thread::available_parallelism().map_or(1, |n| n.get()), usize::from);
+    let load_seconds = start.elapsed().as_secs_f64();
+
+    let build_start = Instant::now();
+    let scene = source.build()?;
+    let build_seconds = build_start.elapsed().as_secs_f64();
+    if !a.quiet {
+        scene.statistics().warnings.iter().for_each(|w| note(&format!("warning: {w}")));
+    }
+
+    catch_interrupt();
+    let sampler = match source.description.sampler {
+        // Strata are those of the whole render.
+        SamplerSettings::Stratified { samples: 0 } => SamplerSettings::Stratified { samples: a.spp.unwrap_or(DEFAULT_SAMPLES) },
+        other => other,
+    };
+    let engine = match a.engine {
+        EngineName::Wavefront => Engine::Wavefront,
+        EngineName::Scalar => Engine::Scalar,
+    };
+    let integrator = settings.integrator(&scene, Sampler::new(sampler, a.seed), engine);
+    let mut film = Film::new(region.width, region.height);
+    let progress = Progress::new(budget, region.pixels(), a.quiet);
+    let statistics = render(&*integrator, &mut film, region, 0, &budget, threads, &progress);
+    progress.finish();
+
+    let tonemap = match a.tonemap {
+        TonemapName::None => Tonemap::None,
+        TonemapName::Reinhard => Tonemap::Reinhard,
+        TonemapName::Aces => Tonemap::Aces,
+    };
+    write(&film.develop(), &outputs, &PngOptions { exposure: a.exposure, tonemap })?;
+    let dropped = film.dropped_samples();
+    if dropped > 0 && !a.quiet {
+        note(&format!("warning: {dropped} samples were not finite and count as black"));
+    }
+    let names: Vec<String> = outputs.iter().map(|p| p.display().to_string()).collect();
+    if a.json {
+        let error = film.relative_error();
+        answer(&serde_json::json!({
+            "scene": source.name,
+            "integrator": settings.name(),
+            "load_seconds": load_seconds,
+            "build_seconds": build_seconds,
+            "render_seconds": statistics.seconds,
+            "samples": statistics.samples,
+            "rays": statistics.rays,
+            "dropped_samples": dropped,
+            "peak_memory_bytes": peak_memory_bytes(),
+            "error": error.is_finite().then_some(error),
+            "biased": settings.is_biased(),
+            "outputs": names,
+        }).to_string());
+    } else {
+        names.iter().for_each(|n| answer(n));
+    }
+    if statistics.interrupted { Err(Failure::Interrupted) } else { Ok(()) }
+}

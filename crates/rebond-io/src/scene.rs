@@ -1,0 +1,145 @@
+//! Scene files: TOML to a [`Scene`], with every error at its place in the file.
+
+use crate::document::Document;
+use crate::error::Error;
+use crate::{from_toml, read_image, read_image_raw, read_obj, read_ply};
+use rebond::film::Image;
+use rebond::scene::description::Encoding;
+use rebond::scene::{BuildError, MeshSource, Resources, Scene, SceneDescription, build};
+use rebond::shape::MeshData;
+use std::path::{Path, PathBuf};
+
+/// A scene that is part of the program.
+#[derive(Clone, Copy, Debug)]
+pub struct BuiltIn {
+    /// Its name.
+    pub name: &'static str,
+    /// Its text.
+    pub text: &'static str,
+}
+
+macro_rules! built_in {
+    ($($name:literal),* $(,)?) => {
+        &[$(BuiltIn { name: $name, text: include_str!(concat!("../../../scenes/", $name, ".toml")) }),*]
+    };
+}
+
+/// The scenes that are part of the program.
+pub const BUILT_IN_SCENES: &[BuiltIn] = built_in![
+    "cornell-box",
+    "cornell-spheres",
+    "dragon",
+    "furnace",
+    "glossy-spheres",
+    "point-lights",
+    "sky",
+    "veach-mis",
+];
+
+/// The files that those scenes name.
+const BUILT_IN_FILES: &[(&str, &[u8])] = &[
+    ("dragon.ply", include_bytes!("../../../scenes/dragon.ply")),
+    ("sky.hdr", include_bytes!("../../../scenes/sky.hdr")),
+    ("checker.png", include_bytes!("../../../scenes/checker.png")),
+];
+
+/// Where the files of a scene are.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum SceneFiles {
+    /// In this folder, and wherever absolute paths lead.
+    Folder(PathBuf),
+    /// Part of the program.
+    BuiltIn,
+}
+
+impl SceneFiles {
+    fn read(&self, file: &str) -> Result<Vec<u8>, String> {
+        match self {
+            Self::BuiltIn => {
+                let found = BUILT_IN_FILES.iter().find(|(name, _)| *name == file);
+                found.map(|(_, bytes)| bytes.to_vec()).ok_or_else(|| format!("there is no built-in file \"{file}\""))
+            }
+            Self::Folder(folder) => {
+                let path = folder.join(file);
+                std::fs::read(&path).map_err(|e| format!("cannot read \"{}\": {e}", path.display()))
+            }
+        }
+    }
+}
+
+impl Resources for SceneFiles {
+    fn mesh(&self, file: &str, source: MeshSource) -> Result<MeshData, String> {
+        let bytes = self.read(file)?;
+        let mesh = match source {
+            MeshSource::Obj => read_obj(&bytes, file),
+            MeshSource::Ply => read_ply(&bytes, file),
+        };
+        mesh.map_err(|e| e.to_string())
+    }
+
+    fn image(&self, file: &str, encoding: Encoding) -> Result<Image, String> {
+        let bytes = self.read(file)?;
+        let image = match encoding {
+            Encoding::Auto => read_image(&bytes, file),
+            Encoding::Linear => read_image_raw(&bytes, file),
+        };
+        image.map_err(|e| format!("\"{file}\": {}", e.message))
+    }
+}
+
+/// A scene as it was read: its description, and the text it came from.
+#[derive(Clone, Debug)]
+pub struct SceneSource {
+    /// What the text says. May be changed before it is built.
+    pub description: SceneDescription,
+    /// Short name: the built-in scene's, or the file's without its extension.
+    pub name: String,
+    document: Document,
+    files: SceneFiles,
+}
+
+impl SceneSource {
+    /// Reads a built-in scene by name, or a file by path.
+    pub fn open(scene: &str) -> Result<Self, Error> {
+        if let Some(b) = BUILT_IN_SCENES.iter().find(|b| b.name == scene) {
+            return Self::parse(b.text, &format!("{scene}.toml (built in)"), scene, SceneFiles::BuiltIn);
+        }
+        let path = Path::new(scene);
+        let names: Vec<&str> = BUILT_IN_SCENES.iter().map(|b| b.name).collect();
+        match path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()) {
+            Some(e) if e == "toml" => {}
+            Some(_) if path.exists() => {
+                return Err(Error::new(format!("cannot tell the format of \"{scene}\"")).with_help("scene files end in .toml"));
+            }
+            _ => {
+                let help = match crate::deserialize::nearest(scene, &names) {
+                    Some(near) => format!("did you mean \"{near}\"? built-in scenes: {}; or give a .toml file", names.join(", ")),
+                    None => format!("built-in scenes: {}; or give a .toml file", names.join(", ")),
+                };
+                return Err(Error::new(format!("there is no scene \"{scene}\"")).with_help(help));
+            }
+        }
+        let bytes = std::fs::read(path).map_err(|e| Error::new(format!("cannot read the scene \"{scene}\": {e}")))?;
+        let text = String::from_utf8(bytes).map_err(|e| {
+            Error::new(format!("not UTF-8 text, from byte {} on", e.utf8_error().valid_up_to())).with_file(scene)
+        })?;
+        let folder = path.parent().map_or_else(PathBuf::new, Path::to_path_buf);
+        let name = path.file_stem().map_or_else(|| "scene".into(), |s| s.to_string_lossy().into_owned());
+        Self::parse(&text, scene, &name, SceneFiles::Folder(folder))
+    }
+
+    /// Reads a scene from its text; `file` is what errors call it.
+    pub fn parse(text: &str, file: &str, name: &str, files: SceneFiles) -> Result<Self, Error> {
+        let (description, document) = from_toml(text, file)?;
+        Ok(Self { description, name: name.into(), document, files })
+    }
+
+    /// Builds the scene.
+    pub fn build(&self) -> Result<Scene, Error> {
+        build(&self.description, &self.files).map_err(|e| self.locate(e))
+    }
+
+    fn locate(&self, error: BuildError) -> Error {
+        Error { help: error.help, ..self.document.error_at(&error.path, error.message) }
+    }
+}

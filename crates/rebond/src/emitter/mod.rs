@@ -1,0 +1,459 @@
+//! Lights: what a point receives from them, drawn and weighed.
+//!
+//! All emitters stand in one flat table, five records each, and are addressed by number. Which of them a point asks is
+//! the business of a [`LightSampler`].
+
+mod environment;
+mod light_sampler;
+
+pub use environment::{Environment, EnvironmentImage};
+pub use light_sampler::LightSampler;
+
+use crate::math::{Frame, Rgb, Vec3, luminance};
+use crate::sampling::warp::{uniform_cone, uniform_cone_pdf, uniform_disk, uniform_sphere, uniform_triangle};
+use crate::sampling::{PdfArea, PdfSolidAngle};
+use glam::Vec3 as V;
+use rebond_lanes::{Index, Mask, Real, Record, math};
+use std::f32::consts::PI;
+
+/// The number of no emitter.
+pub const NO_EMITTER: u32 = u32::MAX;
+
+/// A light, as it goes into the table. Radiance leaves surfaces to the side of their normal.
+#[derive(Clone, Copy, Debug)]
+pub enum Emitter {
+    /// The triangle p, p + e1, p + e2.
+    Triangle {
+        /// A corner, and the edges from it.
+        p: [V; 3],
+        /// Radiance.
+        radiance: [f32; 3],
+    },
+    /// The parallelogram p, p + e1, p + e1 + e2, p + e2.
+    Parallelogram {
+        /// A corner, and the edges from it.
+        p: [V; 3],
+        /// Radiance.
+        radiance: [f32; 3],
+    },
+    /// A sphere.
+    Sphere {
+        /// Centre.
+        center: V,
+        /// Radius.
+        radius: f32,
+        /// Whether its normal, and so its light, points inwards.
+        inwards: bool,
+        /// Radiance.
+        radiance: [f32; 3],
+    },
+    /// A disk.
+    Disk {
+        /// Centre.
+        center: V,
+        /// Unit normal.
+        normal: V,
+        /// Radius.
+        radius: f32,
+        /// Radiance.
+        radiance: [f32; 3],
+    },
+    /// A point.
+    Point {
+        /// Where.
+        position: V,
+        /// Intensity.
+        intensity: [f32; 3],
+    },
+    /// A point that shines into a cone.
+    Spot {
+        /// Where.
+        position: V,
+        /// Unit axis.
+        axis: V,
+        /// Half-angles of full and of no light, radians.
+        angles: [f32; 2],
+        /// Intensity on the axis.
+        intensity: [f32; 3],
+    },
+    /// Parallel light.
+    Directional {
+        /// Unit direction it goes.
+        direction: V,
+        /// Irradiance.
+        irradiance: [f32; 3],
+    },
+    /// The surroundings, of this number in [`Emitters::environments`].
+    Environment {
+        /// Which.
+        number: u32,
+        /// Their mean radiance.
+        mean: [f32; 3],
+    },
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+enum Kind {
+    Triangle,
+    Parallelogram,
+    Sphere,
+    Disk,
+    Point,
+    Spot,
+    Directional,
+    Environment,
+}
+
+const KINDS: [Kind; 8] = [
+    Kind::Triangle,
+    Kind::Parallelogram,
+    Kind::Sphere,
+    Kind::Disk,
+    Kind::Point,
+    Kind::Spot,
+    Kind::Directional,
+    Kind::Environment,
+];
+
+const RECORDS: u32 = 5;
+
+impl Emitter {
+    /// Power in W (per colour channel), for the choice among emitters; `scene_radius` is what infinite ones shine on.
+    pub fn power(&self, scene_radius: f32) -> [f32; 3] {
+        let disk = PI * scene_radius * scene_radius;
+        let (c, factor) = match *self {
+            Self::Triangle { p: [_, a, b], radiance } => (radiance, PI * 0.5 * a.cross(b).length()),
+            Self::Parallelogram { p: [_, a, b], radiance } => (radiance, PI * a.cross(b).length()),
+            Self::Sphere { radius, radiance, .. } => (radiance, PI * 4.0 * PI * radius * radius),
+            Self::Disk { radius, radiance, .. } => (radiance, PI * PI * radius * radius),
+            Self::Point { intensity, .. } => (intensity, 4.0 * PI),
+            Self::Spot { angles: [inner, outer], intensity, .. } => {
+                // A ramp in the angle, integrated over the sphere.
+                let ramp = if outer > inner { (inner.sin() - outer.sin()) / (outer - inner) } else { -outer.cos() };
+                (intensity, 2.0 * PI * (1.0 + ramp))
+            }
+            Self::Directional { irradiance, .. } => (irradiance, disk),
+            Self::Environment { mean, .. } => (mean, 4.0 * PI * disk),
+        };
+        c.map(|c| c * factor)
+    }
+
+    fn records(&self) -> [Record; RECORDS as usize] {
+        let word = |c: [f32; 3], kind: Kind| Record::with_word(c[0], c[1], c[2], kind as u32);
+        let with = |v: V, w: f32| Record([v.x, v.y, v.z, w]);
+        let none = Record::default();
+        match *self {
+            Self::Triangle { p: [p, a, b], radiance } => {
+                let n = a.cross(b);
+                [word(radiance, Kind::Triangle), with(p, 2.0 / n.length()), with(a, 0.0), with(b, 0.0), with(n.normalize(), 0.0)]
+            }
+            Self::Parallelogram { p: [p, a, b], radiance } => {
+                let n = a.cross(b);
+                [word(radiance, Kind::Parallelogram), with(p, 1.0 / n.length()), with(a, 0.0), with(b, 0.0), with(n.normalize(), 0.0)]
+            }
+            Self::Sphere { center, radius, inwards, radiance } => {
+                let sign = if inwards { -1.0 } else { 1.0 };
+                [word(radiance, Kind::Sphere), with(center, 1.0 / (4.0 * PI * radius * radius)), Record([radius, sign, 0.0, 0.0]), none, none]
+            }
+            Self::Disk { center, normal, radius, radiance } => {
+                let (a, b) = normal.any_orthonormal_pair();
+                let density = 1.0 / (PI * radius * radius);
+                [word(radiance, Kind::Disk), with(center, density), with(a * radius, 0.0), with(b * radius, 0.0), with(normal, 0.0)]
+            }
+            Self::Point { position, intensity } => [word(intensity, Kind::Point), with(position, 0.0), none, none, none],
+            Self::Spot { position, axis, angles, intensity } => {
+                let ramp = 1.0 / (angles[1] - angles[0]).max(1e-6);
+                [word(intensity, Kind::Spot), with(position, 0.0), Record([angles[1], ramp, 0.0, 0.0]), none, with(axis, 0.0)]
+            }
+            Self::Directional { direction, irradiance } => {
+                [word(irradiance, Kind::Directional), with(-direction, 0.0), none, none, none]
+            }
+            Self::Environment { number, mean } => {
+                [word(mean, Kind::Environment), Record::words([number, 0, 0, 0]), none, none, none]
+            }
+        }
+    }
+}
+
+/// All emitters of a scene.
+#[derive(Clone, Debug, Default)]
+pub struct Emitters {
+    table: Vec<Record>,
+    /// Bit k: some emitter is of kind k.
+    present: u32,
+    /// The surroundings, each with its emitter's number.
+    pub environments: Vec<(u32, Environment)>,
+}
+
+/// Light from one emitter at a point.
+#[derive(Clone, Copy, Debug)]
+pub struct EmitterSample<F: Real> {
+    /// Unit direction to it.
+    pub wi: Vec3<F>,
+    /// The point on it; unused where `infinite`.
+    pub point: Vec3<F>,
+    /// Bound of the error of `point`, and the normal there: where a ray from there starts.
+    pub error: F,
+    /// Geometric normal at `point`.
+    pub normal: Vec3<F>,
+    /// Radiance along −wi, over the density: `Le / pdf`, or for points and beams their irradiance on a surface that
+    /// faces them. Black where there is none.
+    pub weight: Rgb<F>,
+    /// Density of wi, of this emitter alone; 0 where only this sampler finds it.
+    pub pdf: PdfSolidAngle<F>,
+    /// Whether it is infinitely far.
+    pub infinite: F::Mask,
+}
+
+impl<F: Real> EmitterSample<F> {
+    fn none() -> Self {
+        Self {
+            wi: Vec3::splat([0.0, 0.0, 1.0]),
+            point: Vec3::zero(),
+            error: F::zero(),
+            normal: Vec3::zero(),
+            weight: Rgb::black(),
+            pdf: PdfSolidAngle(F::zero()),
+            infinite: F::Mask::splat(false),
+        }
+    }
+
+    #[inline(always)]
+    fn select(mask: F::Mask, a: Self, b: Self) -> Self {
+        Self {
+            wi: Vec3::select(mask, a.wi, b.wi),
+            point: Vec3::select(mask, a.point, b.point),
+            error: F::select(mask, a.error, b.error),
+            normal: Vec3::select(mask, a.normal, b.normal),
+            weight: Rgb::select(mask, a.weight, b.weight),
+            pdf: PdfSolidAngle(F::select(mask, a.pdf.0, b.pdf.0)),
+            infinite: (mask & a.infinite) | b.infinite.and_not(mask),
+        }
+    }
+}
+
+/// A surface point that a path hit, as far as its emitter must know it.
+#[derive(Clone, Copy, Debug)]
+pub struct EmitterHit<F: Real> {
+    /// Number of the emitter.
+    pub emitter: F::Index,
+    /// From the receiving point to the hit.
+    pub to: Vec3<F>,
+    /// Geometric normal at the hit.
+    pub normal: Vec3<F>,
+}
+
+/// Error bound of a point with coordinates of this size.
+pub(crate) const POINT_ERROR: f32 = 16.0 * f32::EPSILON / 2.0;
+
+impl Emitters {
+    /// A table of these emitters and surroundings.
+    pub fn new(emitters: &[Emitter], environments: Vec<Environment>) -> Self {
+        let table: Vec<Record> = emitters.iter().flat_map(Emitter::records).collect();
+        let kind = |i: usize| table[i * RECORDS as usize].0[3].to_bits();
+        let present = (0..emitters.len()).fold(0, |bits, i| bits | 1 << kind(i));
+        let numbers = (0..emitters.len()).filter(|i| kind(*i) == Kind::Environment as u32).map(|i| i as u32);
+        let environments = numbers.zip(environments).collect();
+        Self { table, present, environments }
+    }
+
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.table.len() / RECORDS as usize
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.table.is_empty()
+    }
+
+    #[inline(always)]
+    fn record<F: Real>(&self, emitter: F::Index, number: u32) -> [F; 4] {
+        F::record(&self.table, emitter * F::Index::splat(RECORDS) + F::Index::splat(number))
+    }
+
+    /// Radiance that a surface emitter sends to the side of its normal.
+    #[inline(always)]
+    pub fn radiance<F: Real>(&self, emitter: F::Index) -> Rgb<F> {
+        Rgb::of_record(self.record(emitter, 0))
+    }
+
+    /// Light of the given emitters at the point `p`, from u in [0, 1)².
+    #[inline(always)]
+    pub fn sample<F: Real>(&self, emitter: F::Index, p: Vec3<F>, u: [F; 2], mask: F::Mask) -> EmitterSample<F> {
+        let [r, g, b, kind] = self.record::<F>(emitter, 0);
+        let (value, kind) = (Rgb::new(r, g, b), kind.to_bits());
+        let single = self.present.is_power_of_two();
+        let mut sample = EmitterSample::none();
+        for k in KINDS {
+            if self.present >> k as u32 & 1 == 0 {
+                continue;
+            }
+            let lanes = if single { mask } else { mask & kind.eq(F::Index::splat(k as u32)) };
+            if lanes.none() {
+                continue;
+            }
+            let s = match k {
+                Kind::Triangle => self.sample_flat(emitter, p, value, uniform_triangle(u)),
+                Kind::Parallelogram => self.sample_flat(emitter, p, value, u),
+                Kind::Disk => self.sample_flat(emitter, p, value, uniform_disk(u)),
+                Kind::Sphere => self.sample_sphere(emitter, p, value, u),
+                Kind::Point => self.sample_point(emitter, p, value),
+                Kind::Spot => self.sample_spot(emitter, p, value),
+                Kind::Directional => EmitterSample {
+                    wi: Vec3::of_record(self.record(emitter, 1)),
+                    weight: value,
+                    infinite: F::Mask::splat(true),
+                    ..EmitterSample::none()
+                },
+                Kind::Environment => self.sample_environment(emitter, u, lanes),
+            };
+            sample = if single { s } else { EmitterSample::select(lanes, s, sample) };
+        }
+        sample.weight = sample.weight.masked(mask);
+        sample
+    }
+
+    /// A point of a flat surface: `p0 + b1 e1 + b2 e2`.
+    #[inline(always)]
+    fn sample_flat<F: Real>(&self, emitter: F::Index, p: Vec3<F>, radiance: Rgb<F>, b: [F; 2]) -> EmitterSample<F> {
+        let [x, y, z, density] = self.record::<F>(emitter, 1);
+        let (p0, normal) = (crate::math::vec3(x, y, z), Vec3::of_record(self.record(emitter, 4)));
+        let (e1, e2) = (Vec3::of_record(self.record(emitter, 2)), Vec3::of_record(self.record(emitter, 3)));
+        let point = e1.mul_add(b[0], e2.mul_add(b[1], p0));
+        let error = (p0.max_abs() + e1.max_abs() + e2.max_abs()) * POINT_ERROR;
+        Self::from_surface_point(p, point, normal, error, radiance, PdfArea(density))
+    }
+
+    #[inline(always)]
+    fn from_surface_point<F: Real>(p: Vec3<F>, point: Vec3<F>, normal: Vec3<F>, error: F, radiance: Rgb<F>, density: PdfArea<F>) -> EmitterSample<F> {
+        let to = point - p;
+        let pdf = density.to_solid_angle(to, normal);
+        let lit = to.dot(normal).lt(F::zero()) & pdf.0.gt(F::zero()) & pdf.0.is_finite();
+        EmitterSample {
+            wi: to.normalized(),
+            point,
+            error,
+            normal,
+            weight: (radiance * pdf.0.recip()).masked(lit),
+            pdf,
+            infinite: F::Mask::splat(false),
+        }
+    }
+
+    /// A sphere seen from outside: a direction of the cone that it fills; from inside: a point of it.
+    #[inline(always)]
+    fn sample_sphere<F: Real>(&self, emitter: F::Index, p: Vec3<F>, radiance: Rgb<F>, u: [F; 2]) -> EmitterSample<F> {
+        let [x, y, z, density] = self.record::<F>(emitter, 1);
+        let [radius, sign, ..] = self.record::<F>(emitter, 2);
+        let center = crate::math::vec3(x, y, z);
+        let error = (center.max_abs() + radius) * POINT_ERROR;
+        let to_center = center - p;
+        let cone = SphereCone::new(to_center, radius);
+
+        let w = uniform_cone(u, cone.one_minus_cos);
+        let wi = Frame::around(to_center * cone.distance.recip()).to_world(w);
+        let sin2 = (F::one() - w.z * w.z).relu();
+        let reach = cone.distance * w.z - (radius * radius - cone.distance * cone.distance * sin2).safe_sqrt();
+        let n = (wi * reach - to_center).normalized();
+        let pdf = uniform_cone_pdf(cone.one_minus_cos);
+        let outside = EmitterSample {
+            wi,
+            point: center + n * radius,
+            error,
+            normal: n * sign,
+            weight: (radiance * pdf.0.recip()).masked(sign.gt(F::zero())),
+            pdf,
+            infinite: F::Mask::splat(false),
+        };
+        if cone.outside.all() {
+            return outside;
+        }
+        let n = uniform_sphere(u);
+        let inside = Self::from_surface_point(p, center + n * radius, n * sign, error, radiance, PdfArea(density));
+        EmitterSample::select(cone.outside, outside, inside)
+    }
+
+    #[inline(always)]
+    fn sample_point<F: Real>(&self, emitter: F::Index, p: Vec3<F>, intensity: Rgb<F>) -> EmitterSample<F> {
+        let point = Vec3::of_record(self.record(emitter, 1));
+        let to = point - p;
+        let d2 = to.length_squared();
+        let apart = d2.gt(F::zero());
+        EmitterSample { wi: to.normalized(), point, weight: (intensity * d2.recip()).masked(apart), ..EmitterSample::none() }
+    }
+
+    #[inline(always)]
+    fn sample_spot<F: Real>(&self, emitter: F::Index, p: Vec3<F>, intensity: Rgb<F>) -> EmitterSample<F> {
+        let mut sample = self.sample_point(emitter, p, intensity);
+        let [cutoff, ramp, ..] = self.record::<F>(emitter, 2);
+        let axis = Vec3::of_record(self.record(emitter, 4));
+        let angle = math::acos(-sample.wi.dot(axis));
+        sample.weight = sample.weight * ((cutoff - angle) * ramp).clamp(0.0, 1.0);
+        sample
+    }
+
+    #[inline(always)]
+    fn sample_environment<F: Real>(&self, emitter: F::Index, u: [F; 2], mask: F::Mask) -> EmitterSample<F> {
+        let mut sample = EmitterSample::none();
+        for (number, environment) in &self.environments {
+            let lanes = mask & emitter.eq(F::Index::splat(*number));
+            if lanes.none() {
+                continue;
+            }
+            let (wi, pdf) = environment.sample(u);
+            let weight = (environment.radiance(wi) * pdf.0.recip()).masked(pdf.0.gt(F::zero()));
+            let s = EmitterSample { wi, weight, pdf, infinite: F::Mask::splat(true), ..EmitterSample::none() };
+            sample = EmitterSample::select(lanes, s, sample);
+        }
+        sample
+    }
+
+    /// The density with which [`Emitters::sample`] would have found a surface point that a path hit.
+    #[inline(always)]
+    pub fn pdf<F: Real>(&self, hit: &EmitterHit<F>, mask: F::Mask) -> PdfSolidAngle<F> {
+        let kind = self.record::<F>(hit.emitter, 0)[3].to_bits();
+        let [_, _, _, density] = self.record::<F>(hit.emitter, 1);
+        let by_area = PdfArea(density).to_solid_angle(hit.to, hit.normal);
+        if self.present >> Kind::Sphere as u32 & 1 == 0 {
+            return by_area;
+        }
+        let sphere = mask & kind.eq(F::Index::splat(Kind::Sphere as u32));
+        if sphere.none() {
+            return by_area;
+        }
+        let [radius, sign, ..] = self.record::<F>(hit.emitter, 2);
+        // The centre as seen from the receiving point: by the normal at the hit.
+        let to_center = hit.to - hit.normal * (radius * sign);
+        let cone = SphereCone::new(to_center, radius);
+        PdfSolidAngle(F::select(sphere & cone.outside, uniform_cone_pdf(cone.one_minus_cos).0, by_area.0))
+    }
+}
+
+/// The cone that a sphere fills as seen from a point.
+struct SphereCone<F: Real> {
+    distance: F,
+    outside: F::Mask,
+    one_minus_cos: F,
+}
+
+impl<F: Real> SphereCone<F> {
+    #[inline(always)]
+    fn new(to_center: Vec3<F>, radius: F) -> Self {
+        let d2 = to_center.length_squared();
+        let sin2 = radius * radius / d2;
+        let outside = sin2.lt(F::splat(0.999_99));
+        // 1 − cos from sin², without cancellation.
+        let one_minus_cos = sin2 / ((F::one() - sin2).safe_sqrt() + 1.0);
+        Self { distance: d2.sqrt(), outside, one_minus_cos }
+    }
+}
+
+/// The power of an emitter as one number, for the choice among them.
+pub fn importance(emitter: &Emitter, scene_radius: f32) -> f32 {
+    luminance(emitter.power(scene_radius))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,74 @@
+//! The algorithms. Each estimates the rendering equation (Kajiya 1986),
+//!
+//! ```text
+//! L(x, ωo) = Le(x, ωo) + ∫ L(x', −ωi) f_r(x, ωi, ωo) |cosθi| dωi
+//! ```
+//!
+//! by the mean of N independent samples of each pixel,
+//!
+//! ```text
+//! I ≈ 1/N Σ f(X_i) / pdf(X_i)
+//! ```
+//!
+//! and differs from the others in how it draws the paths X_i. One file per algorithm; none imports another.
+
+mod path;
+
+pub use path::PathSettings;
+
+use crate::render::{Engine, Integrator};
+use crate::sampling::Sampler;
+use crate::scene::Scene;
+use serde::{Deserialize, Serialize};
+
+/// Which algorithm, with its settings.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum IntegratorSettings {
+    /// Path tracing.
+    Path(PathSettings),
+}
+
+impl Default for IntegratorSettings {
+    fn default() -> Self {
+        Self::Path(PathSettings::default())
+    }
+}
+
+/// What one integrator is, for lists.
+#[derive(Clone, Copy, Debug)]
+pub struct IntegratorInfo {
+    /// Name in scene files and on the command line.
+    pub name: &'static str,
+    /// What it does, in a few words.
+    pub summary: &'static str,
+    /// Its settings.
+    pub settings: &'static [(&'static str, &'static str)],
+}
+
+/// The integrators there are.
+pub const INTEGRATORS: &[IntegratorInfo] =
+    &[IntegratorInfo { name: "path", summary: "explicit path tracing with multiple importance sampling", settings: path::SETTINGS }];
+
+impl IntegratorSettings {
+    /// Its name.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Path(_) => "path",
+        }
+    }
+
+    /// Whether its expectation differs from the rendering equation's solution.
+    pub fn is_biased(&self) -> bool {
+        match self {
+            Self::Path(settings) => settings.is_biased(),
+        }
+    }
+
+    /// The integrator.
+    pub fn integrator<'a>(&self, scene: &'a Scene, sampler: Sampler, engine: Engine) -> Box<dyn Integrator + 'a> {
+        match self {
+            Self::Path(settings) => engine.integrator(scene, sampler, path::Path::new(*settings)),
+        }
+    }
+}

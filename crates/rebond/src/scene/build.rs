@@ -1,0 +1,814 @@
+//! From a description to a scene: names resolved, transforms multiplied out, tables filled, mistakes found.
+
+use super::description::{
+    CameraDescription, Color, EmitterDescription, Encoding, FovAxis, ImageTexture, LobeForm, MaterialDescription,
+    MaterialRef, Mesh, MeshFile, Metal, SceneDescription, ShapeDescription, Texture,
+};
+use super::transform::Motion;
+use super::{
+    BuildError, EMITTER_PER_PRIMITIVE, Features, HAS_NORMALS, HAS_UVS, IS_DISK, IS_SPHERE, MATERIAL_RECORDS, MIX, Scene,
+    SceneStatistics, TWO_SIDED,
+};
+use crate::bsdf::{Model, SMOOTH};
+use crate::camera::{Camera, Projection};
+use crate::emitter::{Emitter, Emitters, Environment, EnvironmentImage, LightSampler, NO_EMITTER};
+use crate::film::{Filter, FilterSettings, Image};
+use crate::shape::MeshData;
+use crate::texture::Textures;
+use glam::{DAffine3, DVec3, Vec3};
+use rebond_bvh::{Accel, BuildOptions, Disk, Geometry, Instance, Sphere};
+use rebond_lanes::Record;
+use std::collections::BTreeMap;
+
+type Result<T> = std::result::Result<T, BuildError>;
+
+/// Which reader a mesh file needs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MeshSource {
+    /// Wavefront OBJ.
+    Obj,
+    /// PLY.
+    Ply,
+}
+
+/// Where the files come from that a description names. The library itself opens none.
+pub trait Resources {
+    /// The mesh in a file, or what is wrong with it.
+    fn mesh(&self, file: &str, source: MeshSource) -> std::result::Result<MeshData, String>;
+    /// The image in a file, in linear values, or what is wrong with it.
+    fn image(&self, file: &str, encoding: Encoding) -> std::result::Result<Image, String>;
+}
+
+/// Builds a scene.
+pub fn build(description: &SceneDescription, resources: &dyn Resources) -> Result<Scene> {
+    let size = film_size(description)?;
+    let mut builder = Builder { description, resources, ..Builder::empty(description, resources) };
+    let world = builder.geometry(&description.shapes, "shapes", true)?;
+    let groups: Vec<(&String, u32)> = description.groups.keys().zip(1..).collect();
+    let mut geometries = vec![world];
+    for (name, shapes) in &description.groups {
+        let geometry = builder.geometry(shapes, &format!("groups.{name}"), false)?;
+        geometries.push(geometry);
+    }
+    let mut instances = vec![(0, Motion::rest(DAffine3::IDENTITY))];
+    for (i, shape) in description.shapes.iter().enumerate() {
+        if let ShapeDescription::Instance(instance) = shape {
+            let path = format!("shapes[{i}]");
+            let group = groups.iter().find(|(name, _)| **name == instance.group);
+            let (_, number) = group.ok_or_else(|| {
+                unknown(&format!("{path}.group"), "group", &instance.group, description.groups.keys())
+            })?;
+            instances.push((*number, instance.to_world.motion(&format!("{path}.to_world"))?));
+        }
+    }
+    for (geometry, motion) in std::mem::take(&mut builder.apart) {
+        instances.push((geometries.len() as u32, motion));
+        geometries.push(geometry);
+    }
+    builder.emitters()?;
+    let camera = camera(&description.camera, size)?;
+    let filter = filter(description.film.filter)?;
+    builder.finish(geometries, instances, camera, filter)
+}
+
+fn film_size(description: &SceneDescription) -> Result<[u32; 2]> {
+    let film = &description.film;
+    for (name, n) in [("width", film.width), ("height", film.height)] {
+        if n == 0 || n > 65_536 {
+            let error = BuildError::new(format!("film.{name}"), format!("a film {n} pixels {}", if name == "width" { "wide" } else { "high" }));
+            return Err(error.help("give a size from 1 to 65536"));
+        }
+    }
+    if u64::from(film.width) * u64::from(film.height) > 1 << 28 {
+        return Err(BuildError::new("film", "a film of more than 2^28 pixels").help("render it in parts with --crop"));
+    }
+    Ok([film.width, film.height])
+}
+
+fn filter(settings: FilterSettings) -> Result<Filter> {
+    let radius = settings.radius();
+    if !(radius > 0.0 && radius <= 64.0) {
+        return Err(BuildError::new("film.filter", "the filter's radius is not within (0, 64] pixels"));
+    }
+    if let FilterSettings::Mitchell { b, c } = settings
+        && !(b.is_finite() && c.is_finite() && (0.0..=1.0).contains(&b) && (0.0..=1.0).contains(&c))
+    {
+        return Err(BuildError::new("film.filter", "B and C of the Mitchell filter lie within [0, 1]"));
+    }
+    Ok(Filter::new(settings))
+}
+
+/// An unknown name, with the ones there are.
+fn unknown<'a>(path: &str, what: &str, name: &str, known: impl Iterator<Item = &'a String>) -> BuildError {
+    let known: Vec<&String> = known.collect();
+    let nearest = known.iter().max_by(|a, b| strsim::jaro_winkler(a, name).total_cmp(&strsim::jaro_winkler(b, name)));
+    let list = known.iter().map(|k| k.as_str()).collect::<Vec<_>>().join(", ");
+    let help = match nearest {
+        Some(n) if strsim::jaro_winkler(n, name) > 0.7 => format!("did you mean \"{n}\"? there are: {list}"),
+        Some(_) => format!("there are: {list}"),
+        None => format!("the scene has no {what}s"),
+    };
+    BuildError::new(path, format!("there is no {what} \"{name}\"")).help(help)
+}
+
+/// A finite number within a range.
+fn number(path: &str, x: f32, range: std::ops::RangeInclusive<f32>, what: &str) -> Result<f32> {
+    if x.is_finite() && range.contains(&x) {
+        return Ok(x);
+    }
+    Err(BuildError::new(path, format!("{x} is no {what}")))
+}
+
+/// A finite colour that is not negative.
+fn light(path: &str, c: Color) -> Result<[f32; 3]> {
+    if c.0.iter().all(|x| x.is_finite() && *x >= 0.0) {
+        return Ok(c.0);
+    }
+    Err(BuildError::new(path, "light is finite and not negative"))
+}
+
+fn reflectance(path: &str, c: Color) -> Result<[f32; 3]> {
+    if c.0.iter().all(|x| (0.0..=1.0).contains(x)) {
+        return Ok(c.0);
+    }
+    Err(BuildError::new(path, "a reflectance lies within [0, 1]").help("a surface cannot reflect more light than it receives"))
+}
+
+fn finite_point(path: &str, p: [f32; 3]) -> Result<Vec3> {
+    if p.iter().all(|x| x.is_finite()) { Ok(Vec3::from(p)) } else { Err(BuildError::new(path, "a coordinate is not finite")) }
+}
+
+fn camera(description: &CameraDescription, size: [u32; 2]) -> Result<Camera> {
+    use CameraDescription::{Orthographic, Perspective, ThinLens};
+    let (w, h) = (size[0] as f32, size[1] as f32);
+    let extent = |fov: f32, axis: FovAxis| -> Result<[f32; 2]> {
+        if !(fov > 0.0 && fov < 180.0) {
+            return Err(BuildError::new("camera.fov", format!("{fov} is no field of view")).help("give degrees between 0 and 180"));
+        }
+        let half = (fov.to_radians() / 2.0).tan();
+        let along_x = match axis {
+            FovAxis::X => true,
+            FovAxis::Y => false,
+            FovAxis::Smaller => w <= h,
+            FovAxis::Larger => w > h,
+        };
+        Ok(if along_x { [half, half * h / w] } else { [half * w / h, half] })
+    };
+    let (projection, to_world, shutter) = match description {
+        Perspective { to_world, fov, fov_axis, shutter_open, shutter_close } => {
+            (Projection::Perspective { extent: extent(*fov, *fov_axis)? }, to_world, [*shutter_open, *shutter_close])
+        }
+        ThinLens { to_world, fov, fov_axis, aperture_radius, focus_distance, shutter_open, shutter_close } => {
+            let radius = number("camera.aperture_radius", *aperture_radius, 0.0..=f32::MAX, "radius of a lens")?;
+            let focus = number("camera.focus_distance", *focus_distance, f32::MIN_POSITIVE..=f32::MAX, "distance in front of a lens")?;
+            (Projection::ThinLens { extent: extent(*fov, *fov_axis)?, radius, focus }, to_world, [*shutter_open, *shutter_close])
+        }
+        Orthographic { to_world, shutter_open, shutter_close } => {
+            (Projection::Orthographic { extent: [1.0, h / w] }, to_world, [*shutter_open, *shutter_close])
+        }
+    };
+    if !(shutter[0].is_finite() && shutter[1].is_finite() && shutter[0] <= shutter[1]) {
+        return Err(BuildError::new("camera.shutter_close", "the shutter closes before it opens"));
+    }
+    Ok(Camera::new(projection, &to_world.motion("camera.to_world")?.0, shutter, size))
+}
+
+/// A geometry and what stands beside it in the scene's tables.
+#[derive(Default)]
+struct Part {
+    geometry: Geometry,
+    /// Records of the spheres and of the disks, which follow the triangles' in the table of primitives.
+    spheres: Vec<Record>,
+    disks: Vec<Record>,
+    triangles: Vec<Record>,
+}
+
+struct Builder<'a> {
+    description: &'a SceneDescription,
+    resources: &'a dyn Resources,
+    vertices: Vec<Record>,
+    normals: Vec<Record>,
+    shapes: Vec<Record>,
+    analytic: Vec<Record>,
+    materials: Vec<Record>,
+    named: BTreeMap<&'a str, u32>,
+    textures: Textures,
+    features: Features,
+    emitters: Vec<Emitter>,
+    environments: Vec<Environment>,
+    /// Shapes that need an instance of their own: moving ones, and round ones that are stretched.
+    apart: Vec<(Part, Motion)>,
+    /// Emissive round and mesh shapes: (shape record, primitives before its part).
+    warnings: Vec<String>,
+    primitives_before: u32,
+}
+
+/// Where a shape goes.
+struct Placement {
+    /// What is multiplied into its points now.
+    baked: DAffine3,
+    /// What an instance of its own does later.
+    motion: Option<Motion>,
+}
+
+impl<'a> Builder<'a> {
+    fn empty(description: &'a SceneDescription, resources: &'a dyn Resources) -> Self {
+        Self {
+            description,
+            resources,
+            vertices: Vec::new(),
+            normals: Vec::new(),
+            shapes: Vec::new(),
+            analytic: Vec::new(),
+            materials: Vec::new(),
+            named: BTreeMap::new(),
+            textures: Textures::default(),
+            features: Features::default(),
+            emitters: Vec::new(),
+            environments: Vec::new(),
+            apart: Vec::new(),
+            warnings: Vec::new(),
+            primitives_before: 0,
+        }
+    }
+
+    // ---- materials ----
+
+    fn material_ref(&mut self, path: &str, material: &'a MaterialRef, depth: u32) -> Result<u32> {
+        match material {
+            MaterialRef::Inline(m) => self.material(path, m, depth),
+            MaterialRef::Named(name) => {
+                if let Some(number) = self.named.get(name.as_str()) {
+                    return Ok(*number);
+                }
+                let found = self.description.materials.get_key_value(name);
+                let (name, m) = found.ok_or_else(|| unknown(path, "material", name, self.description.materials.keys()))?;
+                if depth > 16 {
+                    return Err(BuildError::new(path, format!("the material \"{name}\" contains itself, or is nested too deeply")));
+                }
+                let number = self.material(&format!("materials.{name}"), m, depth + 1)?;
+                self.named.insert(name, number);
+                Ok(number)
+            }
+        }
+    }
+
+    fn push_material(&mut self, head: [u32; 4], color: [f32; 3], p: [f32; 8]) -> u32 {
+        let number = self.materials.len() as u32 / MATERIAL_RECORDS;
+        self.materials.push(Record::words(head));
+        self.materials.push(Record([color[0], color[1], color[2], 0.0]));
+        self.materials.push(Record([p[0], p[1], p[2], p[3]]));
+        self.materials.push(Record([p[4], p[5], p[6], p[7]]));
+        number
+    }
+
+    fn simple(&mut self, model: Model, path: &str, key: &str, texture: &Texture, p: [f32; 8]) -> Result<u32> {
+        let (color, texture) = self.texture(&format!("{path}.{key}"), texture)?;
+        self.features.models |= 1 << model as u32;
+        Ok(self.push_material([model as u32, texture, 0, 0], color, p))
+    }
+
+    /// A factor and the number of an image + 1.
+    fn texture(&mut self, path: &str, texture: &Texture) -> Result<([f32; 3], u32)> {
+        let image = match texture {
+            Texture::Constant(c) => return Ok((reflectance(path, *c)?, 0)),
+            Texture::Image(image) => image,
+        };
+        let ImageTexture { image: file, encoding, wrap, filter, repeat } = image;
+        let path = format!("{path}.image");
+        let (size, texels) = self.image(&path, file, *encoding)?;
+        let (mut over, mut negative) = (0, 0);
+        for t in &texels {
+            over += t.iter().any(|x| *x > 1.0) as u32;
+            negative += t.iter().any(|x| !(*x >= 0.0)) as u32;
+        }
+        if over + negative > 0 {
+            let message = format!("{over} texels of \"{file}\" are above 1 and {negative} below 0 or not finite");
+            return Err(BuildError::new(path, message).help("a reflectance lies within [0, 1]"));
+        }
+        if !repeat.iter().all(|r| r.is_finite()) {
+            return Err(BuildError::new(path, "`repeat` is not finite"));
+        }
+        Ok(([1.0; 3], 1 + self.textures.add(size, &texels, *wrap, *filter, *repeat)))
+    }
+
+    fn image(&self, path: &str, file: &str, encoding: Encoding) -> Result<([u32; 2], Vec<[f32; 3]>)> {
+        let image = self.resources.image(file, encoding).map_err(|e| BuildError::new(path, e))?;
+        let texels = image.rgb("").ok_or_else(|| BuildError::new(path, format!("\"{file}\" has no colour channels")))?;
+        if texels.is_empty() {
+            return Err(BuildError::new(path, format!("\"{file}\" is empty")));
+        }
+        Ok(([image.width, image.height], texels))
+    }
+
+    fn roughness(&mut self, path: &str, alpha: f32, u: Option<f32>, v: Option<f32>) -> Result<[f32; 2]> {
+        let both = [u.unwrap_or(alpha), v.unwrap_or(alpha)];
+        for a in both {
+            number(&format!("{path}.alpha"), a, 0.0..=1.0, "roughness; it lies within [0, 1]")?;
+        }
+        if both[0] != both[1] {
+            self.features.tangents = true;
+        }
+        Ok(both)
+    }
+
+    fn material(&mut self, path: &str, material: &'a MaterialDescription, depth: u32) -> Result<u32> {
+        use MaterialDescription as M;
+        match material {
+            M::Diffuse { reflectance } => self.simple(Model::Diffuse, path, "reflectance", reflectance, [0.0; 8]),
+            M::Mirror { reflectance } => self.simple(Model::Mirror, path, "reflectance", reflectance, [0.0; 8]),
+            M::Dielectric { int_ior, ext_ior, alpha, alpha_u, alpha_v, tint } => {
+                let ior = |key: &str, x: f32| number(&format!("{path}.{key}"), x, 0.1..=100.0, "index of refraction");
+                let eta = ior("int_ior", *int_ior)? / ior("ext_ior", *ext_ior)?;
+                let [u, v] = self.roughness(path, *alpha, *alpha_u, *alpha_v)?;
+                // With equal indices a rough boundary is no boundary either, and its half vectors are undefined.
+                let smooth = u.max(v) < SMOOTH || eta == 1.0;
+                let model = if smooth { Model::Dielectric } else { Model::RoughDielectric };
+                let p = [eta, 0.0, 0.0, 0.0, 0.0, 0.0, u.max(SMOOTH), v.max(SMOOTH)];
+                self.simple(model, path, "tint", tint, p)
+            }
+            M::Conductor { metal, eta, k, alpha, alpha_u, alpha_v, tint } => {
+                let (eta, k) = match (metal, eta, k) {
+                    (Some(metal), None, None) => index_of(*metal),
+                    (None, Some(eta), Some(k)) => (light(&format!("{path}.eta"), *eta)?, light(&format!("{path}.k"), *k)?),
+                    (None, None, None) => index_of(Metal::Aluminium),
+                    _ => return Err(BuildError::new(path, "a conductor needs either `metal`, or both `eta` and `k`")),
+                };
+                let [u, v] = self.roughness(path, *alpha, *alpha_u, *alpha_v)?;
+                let model = if u.max(v) < SMOOTH { Model::Conductor } else { Model::RoughConductor };
+                self.simple(model, path, "tint", tint, [eta[0], eta[1], eta[2], k[0], k[1], k[2], u.max(SMOOTH), v.max(SMOOTH)])
+            }
+            M::Phong { reflectance, exponent, form } => {
+                let model = if *form == LobeForm::Lecture { Model::PhongLecture } else { Model::Phong };
+                self.lobe(model, path, reflectance, *exponent)
+            }
+            M::BlinnPhong { reflectance, exponent, form } => {
+                let model = if *form == LobeForm::Lecture { Model::BlinnPhongLecture } else { Model::BlinnPhong };
+                self.lobe(model, path, reflectance, *exponent)
+            }
+            M::Mix { a, b, weight } => {
+                let weight = number(&format!("{path}.weight"), *weight, 0.0..=1.0, "weight; it lies within [0, 1]")?;
+                let a = self.material_ref(&format!("{path}.a"), a, depth + 1)?;
+                let b = self.material_ref(&format!("{path}.b"), b, depth + 1)?;
+                for (key, part) in [("a", a), ("b", b)] {
+                    if self.head(part)[0] == TWO_SIDED {
+                        let error = BuildError::new(format!("{path}.{key}"), "a two-sided material within a mix");
+                        return Err(error.help("make the mix two-sided: the front and back of a two-sided material may be mixes"));
+                    }
+                }
+                self.features.mixes = true;
+                Ok(self.push_material([MIX, a, b, 0], [weight, 0.0, 0.0], [0.0; 8]))
+            }
+            M::TwoSided { front, back } => {
+                let a = self.material_ref(&format!("{path}.front"), front, depth + 1)?;
+                let b = match back {
+                    Some(back) => self.material_ref(&format!("{path}.back"), back, depth + 1)?,
+                    None => a,
+                };
+                for (key, part) in [("front", a), ("back", b)] {
+                    self.check_opaque(&format!("{path}.{key}"), part)?;
+                }
+                self.features.two_sided = true;
+                Ok(self.push_material([TWO_SIDED, a, b, 0], [0.0; 3], [0.0; 8]))
+            }
+        }
+    }
+
+    fn lobe(&mut self, model: Model, path: &str, reflectance: &Texture, exponent: f32) -> Result<u32> {
+        let r = number(&format!("{path}.exponent"), exponent, 0.0..=1e6, "exponent of a lobe; it lies within [0, 1e6]")?;
+        self.simple(model, path, "reflectance", reflectance, [r, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    }
+
+    fn head(&self, material: u32) -> [u32; 4] {
+        self.materials[(material * MATERIAL_RECORDS) as usize].0.map(f32::to_bits)
+    }
+
+    fn check_opaque(&self, path: &str, material: u32) -> Result<()> {
+        let head = self.head(material);
+        if head[0] == MIX {
+            self.check_opaque(path, head[1])?;
+            return self.check_opaque(path, head[2]);
+        }
+        if [Model::Dielectric as u32, Model::RoughDielectric as u32].contains(&head[0]) {
+            return Err(BuildError::new(path, "a dielectric already has two sides"));
+        }
+        if head[0] == TWO_SIDED {
+            return Err(BuildError::new(path, "a two-sided material within another"));
+        }
+        Ok(())
+    }
+
+    // ---- shapes ----
+
+    /// The geometry of a list of shapes. Only the world's shapes may shine, move, or be instances.
+    fn geometry(&mut self, shapes: &'a [ShapeDescription], path: &str, world: bool) -> Result<Part> {
+        let mut part = Part::default();
+        for (i, shape) in shapes.iter().enumerate() {
+            let path = format!("{path}[{i}]");
+            self.shape(&mut part, shape, &path, world)?;
+        }
+        self.primitives_before += part.count();
+        Ok(part)
+    }
+
+    fn shape(&mut self, part: &mut Part, shape: &'a ShapeDescription, path: &str, world: bool) -> Result<()> {
+        use ShapeDescription as S;
+        let (material, emission, to_world) = match shape {
+            S::Instance(_) if world => return Ok(()),
+            S::Instance(_) => {
+                return Err(BuildError::new(path, "an instance within a group").help("list instances under [[shapes]]"));
+            }
+            S::Mesh(s) => (&s.material, s.emission, &s.to_world),
+            S::Obj(s) | S::Ply(s) => (&s.material, s.emission, &s.to_world),
+            S::Sphere(s) => (&s.material, s.emission, &s.to_world),
+            S::Rectangle(s) | S::Disk(s) | S::Cube(s) => (&s.material, s.emission, &s.to_world),
+        };
+        let emission = emission.map(|e| light(&format!("{path}.emission"), e)).transpose()?;
+        let material = match material {
+            Some(m) => self.material_ref(&format!("{path}.material"), m, 0)?,
+            None => self.default_material()?,
+        };
+        let round = matches!(shape, S::Sphere(_) | S::Disk(_));
+        let motion = to_world.motion(&format!("{path}.to_world"))?;
+        let placement = match motion.at_rest() {
+            Some(m) if !m.is_finite() => return Err(BuildError::new(format!("{path}.to_world"), "the transform is not finite")),
+            Some(m) if !round || is_similarity(m) => Placement { baked: *m, motion: None },
+            _ => Placement { baked: DAffine3::IDENTITY, motion: Some(motion.clone()) },
+        };
+        if placement.motion.is_some() {
+            let why = if round && motion.at_rest().is_some() { "is stretched out of round" } else { "moves" };
+            if emission.is_some() {
+                let error = BuildError::new(format!("{path}.emission"), format!("a shape that {why} cannot shine"));
+                return Err(error.help("give it a material only, or let it rest"));
+            }
+            if !world {
+                let error = BuildError::new(format!("{path}.to_world"), format!("a shape within a group {why}"));
+                return Err(error.help("move or stretch the instance of the group instead"));
+            }
+        }
+        if emission.is_some() && !world {
+            let error = BuildError::new(format!("{path}.emission"), "a shape within a group cannot shine");
+            return Err(error.help("list lights under [[shapes]]"));
+        }
+        let look = Look { path, material, emission };
+        let mut own = Part::default();
+        let apart = placement.motion.is_some();
+        let target = if apart { &mut own } else { part };
+        match shape {
+            S::Mesh(mesh) => self.mesh(target, mesh_in_place(mesh, path)?, &placement, &look, false)?,
+            S::Obj(file) => self.mesh(target, self.mesh_file(file, MeshSource::Obj, path)?, &placement, &look, false)?,
+            S::Ply(file) => self.mesh(target, self.mesh_file(file, MeshSource::Ply, path)?, &placement, &look, false)?,
+            S::Cube(s) => self.mesh(target, flipped(MeshData::cube(), s.flip_normals), &placement, &look, false)?,
+            S::Rectangle(s) => self.mesh(target, flipped(MeshData::rectangle(), s.flip_normals), &placement, &look, true)?,
+            S::Sphere(s) => {
+                let center = finite_point(&format!("{path}.center"), s.center)?;
+                if !(s.radius.is_finite() && s.radius > 0.0) {
+                    return Err(BuildError::new(format!("{path}.radius"), format!("a sphere of radius {}", s.radius)));
+                }
+                self.round(target, center, s.radius, s.flip_normals, &placement, &look, true)?;
+            }
+            S::Disk(s) => self.round(target, Vec3::ZERO, 1.0, s.flip_normals, &placement, &look, false)?,
+            S::Instance(_) => {}
+        }
+        if let Some(motion) = placement.motion {
+            self.apart.push((own, motion));
+        }
+        Ok(())
+    }
+
+    fn default_material(&mut self) -> Result<u32> {
+        if let Some(number) = self.named.get("") {
+            return Ok(*number);
+        }
+        let number = self.simple(Model::Diffuse, "", "reflectance", &Texture::grey(0.5), [0.0; 8])?;
+        self.named.insert("", number);
+        Ok(number)
+    }
+
+    fn mesh_file(&self, file: &MeshFile, source: MeshSource, path: &str) -> Result<MeshData> {
+        let path = format!("{path}.file");
+        let mut mesh = self.resources.mesh(&file.file, source).map_err(|e| BuildError::new(&path, e))?;
+        if let Some(face) = mesh.triangles.iter().position(|t| t.iter().any(|i| *i as usize >= mesh.positions.len())) {
+            let message = format!("triangle {face} of \"{}\" names a vertex beyond the {} there are", file.file, mesh.positions.len());
+            return Err(BuildError::new(path, message));
+        }
+        if file.face_normals {
+            mesh.normals = None;
+        }
+        Ok(mesh)
+    }
+
+    fn push_shape(&mut self, look: &Look, flags: u32, first_primitive: u32) -> u32 {
+        let emitter = if look.emission.is_some() { self.emitters.len() as u32 } else { NO_EMITTER };
+        self.features.emissive_shapes |= look.emission.is_some();
+        self.shapes.push(Record::words([look.material, emitter, flags, first_primitive]));
+        self.shapes.len() as u32 - 1
+    }
+
+    fn mesh(&mut self, part: &mut Part, mesh: MeshData, placement: &Placement, look: &Look, parallelogram: bool) -> Result<()> {
+        let m = placement.baked;
+        let mirrored = m.matrix3.determinant() < 0.0;
+        let to_world = |p: [f32; 3]| m.transform_point3(DVec3::from(p.map(f64::from))).as_vec3();
+        let normal_matrix = m.matrix3.inverse().transpose();
+        let local_base = part.geometry.positions.len() as u32;
+        // The geometry's own vertices follow those of earlier geometries in the table.
+        let first = self.vertices.len() as u32;
+        if self.vertices.len() + mesh.positions.len() > u32::MAX as usize {
+            return Err(BuildError::new(look.path, "more than 2^32 vertices"));
+        }
+        let flags = if mesh.normals.is_some() { HAS_NORMALS } else { 0 } | if mesh.uvs.is_some() { HAS_UVS } else { 0 };
+        let shines = look.emission.is_some();
+        let flags = flags | if shines && !parallelogram { EMITTER_PER_PRIMITIVE } else { 0 };
+        let first_primitive = self.primitives_before + part.triangles.len() as u32;
+        let shape = self.push_shape(look, flags, first_primitive);
+        if flags & (HAS_NORMALS | HAS_UVS) != 0 {
+            self.features.normals = true;
+        }
+        for (i, p) in mesh.positions.iter().enumerate() {
+            let p = to_world(*p);
+            let [u, v] = mesh.uvs.as_ref().map_or([0.0; 2], |uv| uv[i]);
+            part.geometry.positions.push(p.to_array());
+            self.vertices.push(Record([p.x, p.y, p.z, u]));
+            let n = match &mesh.normals {
+                Some(n) => (normal_matrix * DVec3::from(n[i].map(f64::from))).normalize_or_zero().as_vec3(),
+                None => Vec3::ZERO,
+            };
+            self.normals.push(Record([n.x, n.y, n.z, v]));
+        }
+        for t in &mesh.triangles {
+            let [a, b, c] = if mirrored { [t[0], t[2], t[1]] } else { *t };
+            part.geometry.triangles.push([a, b, c].map(|i| i + local_base));
+            part.triangles.push(Record::words([a + first, b + first, c + first, shape]));
+        }
+        let Some(radiance) = look.emission else { return Ok(()) };
+        let corner = |i: u32| Vec3::from_slice(&self.vertices[(first + i) as usize].0[..3]);
+        let mut area = 0.0;
+        let mut emitters = Vec::new();
+        for t in &mesh.triangles {
+            let [a, b, c] = if mirrored { [t[0], t[2], t[1]] } else { *t }.map(corner);
+            let (e1, e2) = (b - a, c - a);
+            let twice = e1.cross(e2).length();
+            area += if twice.is_finite() { twice } else { 0.0 };
+            emitters.push(Emitter::Triangle { p: [a, e1, e2], radiance: if twice.is_finite() && twice > 0.0 { radiance } else { [0.0; 3] } });
+        }
+        if parallelogram {
+            // The two triangles share their diagonal: the corner before it and the two beside are the parallelogram.
+            let [a, b, c] = if mirrored { [1, 0, 2] } else if mesh.triangles[0] == [0, 1, 2] { [1, 2, 0] } else { [1, 0, 2] }.map(corner);
+            emitters = vec![Emitter::Parallelogram { p: [a, b - a, c - a], radiance }];
+        }
+        if !(area > 0.0) {
+            let error = BuildError::new(format!("{}.emission", look.path), "a light of zero area");
+            return Err(error.help("give the shape an extent, or use a point light"));
+        }
+        self.emitters.extend(emitters);
+        Ok(())
+    }
+
+    #[expect(clippy::too_many_arguments)]
+    fn round(&mut self, part: &mut Part, center: Vec3, radius: f32, flip: bool, placement: &Placement, look: &Look, sphere: bool) -> Result<()> {
+        let m = placement.baked;
+        let scale = m.matrix3.determinant().abs().cbrt();
+        let center = m.transform_point3(center.as_dvec3()).as_vec3();
+        let radius = (f64::from(radius) * scale) as f32;
+        if !(radius.is_finite() && radius > 0.0 && center.is_finite()) {
+            return Err(BuildError::new(format!("{}.to_world", look.path), "the shape vanishes or is not finite"));
+        }
+        let axis = |v: DVec3| (m.matrix3 * v).normalize().as_vec3();
+        let (x, z) = (axis(DVec3::X), axis(DVec3::Z));
+        let place = self.analytic.len() as u32;
+        self.features.analytic = true;
+        let sign = if flip { -1.0 } else { 1.0 };
+        self.analytic.push(Record([center.x, center.y, center.z, radius]));
+        self.analytic.push(Record([x.x, x.y, x.z, sign]));
+        self.analytic.push(Record([z.x, z.y, z.z, 0.0]));
+        let shape = self.push_shape(look, if sphere { IS_SPHERE } else { IS_DISK }, 0);
+        let record = Record::words([place, 0, 0, shape]);
+        let emission = look.emission;
+        if sphere {
+            part.geometry.spheres.push(Sphere { center: center.to_array(), radius });
+            part.spheres.push(record);
+            self.emitters.extend(emission.map(|radiance| Emitter::Sphere { center, radius, inwards: flip, radiance }));
+        } else {
+            part.geometry.disks.push(Disk { center: center.to_array(), normal: z.to_array(), radius });
+            part.disks.push(record);
+            self.emitters.extend(emission.map(|radiance| Emitter::Disk { center, normal: z * sign, radius, radiance }));
+        }
+        Ok(())
+    }
+
+    // ---- emitters ----
+
+    fn emitters(&mut self) -> Result<()> {
+        for (i, emitter) in self.description.emitters.iter().enumerate() {
+            let path = format!("emitters[{i}]");
+            let at = |key: &str| format!("{path}.{key}");
+            let emitter = match emitter {
+                EmitterDescription::Point { position, intensity } => Emitter::Point {
+                    position: finite_point(&at("position"), *position)?,
+                    intensity: light(&at("intensity"), *intensity)?,
+                },
+                EmitterDescription::Spot { to_world, intensity, cutoff_angle, beam_width } => {
+                    let m = to_world.matrix(&at("to_world"), "a spot")?;
+                    let outer = number(&at("cutoff_angle"), *cutoff_angle, 1e-3..=180.0, "angle of a spot")?;
+                    let inner = number(&at("beam_width"), beam_width.unwrap_or(0.75 * outer), 0.0..=outer, "beam within the cutoff")?;
+                    Emitter::Spot {
+                        position: m.translation.as_vec3(),
+                        axis: (m.matrix3 * DVec3::Z).normalize().as_vec3(),
+                        angles: [inner.to_radians(), outer.to_radians()],
+                        intensity: light(&at("intensity"), *intensity)?,
+                    }
+                }
+                EmitterDescription::Directional { direction, irradiance } => {
+                    let direction = finite_point(&at("direction"), *direction)?.try_normalize();
+                    let direction = direction.ok_or_else(|| BuildError::new(at("direction"), "the direction is zero"))?;
+                    Emitter::Directional { direction, irradiance: light(&at("irradiance"), *irradiance)? }
+                }
+                EmitterDescription::Constant { radiance } => {
+                    self.environments.push(Environment::Constant(light(&at("radiance"), *radiance)?));
+                    self.surroundings()
+                }
+                EmitterDescription::Envmap { file, scale, to_world } => {
+                    let environment = self.envmap(&path, file, *scale, to_world)?;
+                    self.environments.push(environment);
+                    self.surroundings()
+                }
+            };
+            self.emitters.push(emitter);
+        }
+        Ok(())
+    }
+
+    /// The emitter of the surroundings added last.
+    fn surroundings(&self) -> Emitter {
+        let number = self.environments.len() - 1;
+        Emitter::Environment { number: number as u32, mean: self.environments[number].mean() }
+    }
+
+    fn envmap(&self, path: &str, file: &str, scale: f32, to_world: &super::description::Transform) -> Result<Environment> {
+        let at = |key: &str| format!("{path}.{key}");
+        let m = to_world.matrix(&at("to_world"), "an environment")?.matrix3;
+        let scale = number(&at("scale"), scale, 0.0..=f32::MAX, "factor on light")?;
+        let axes = [m.x_axis, m.y_axis, m.z_axis].map(|v| v.normalize());
+        if axes[0].dot(axes[1]).abs().max(axes[1].dot(axes[2]).abs()).max(axes[2].dot(axes[0]).abs()) > 1e-4 {
+            return Err(BuildError::new(at("to_world"), "an environment can be turned and mirrored, but not sheared"));
+        }
+        let (size, mut texels) = self.image(&at("file"), file, Encoding::Auto)?;
+        if texels.iter().flatten().any(|x| !(x.is_finite() && *x >= 0.0)) {
+            return Err(BuildError::new(at("file"), format!("\"{file}\" has texels that are negative or not finite")));
+        }
+        texels.iter_mut().flatten().for_each(|x| *x *= scale);
+        let image = EnvironmentImage::new(size, &texels, axes.map(|a| a.as_vec3().to_array()));
+        let image = image.ok_or_else(|| BuildError::new(at("file"), format!("\"{file}\" is black")))?;
+        Ok(Environment::Image(Box::new(image)))
+    }
+
+    // ---- the whole ----
+
+    fn finish(mut self, parts: Vec<Part>, placed: Vec<(u32, Motion)>, camera: Camera, filter: Filter) -> Result<Scene> {
+        let mut primitives = Vec::new();
+        let mut geometries = Vec::new();
+        for part in parts {
+            primitives.extend(part.triangles.into_iter().chain(part.spheres).chain(part.disks));
+            geometries.push(part.geometry);
+        }
+        self.features.instances = placed.len() > 1;
+        let instances: Vec<Instance> = placed.iter().map(|(geometry, motion)| {
+            let keyframes = motion.0.iter().map(|(t, m)| (*t, rows(m))).collect();
+            Instance { geometry: *geometry, keyframes }
+        }).collect();
+        let (instance_records, instance_keyframes) = instance_table(&instances);
+        let count = |f: fn(&Geometry) -> usize| geometries.iter().map(|g| f(g) as u64).sum::<u64>();
+        let mut statistics = SceneStatistics {
+            triangles: count(|g| g.triangles.len()),
+            analytic_shapes: count(|g| g.spheres.len() + g.disks.len()),
+            instances: if self.features.instances { placed.len() as u64 } else { 0 },
+            emitters: self.emitters.len() as u64,
+            materials: self.materials.len() as u64 / u64::from(MATERIAL_RECORDS),
+            ..SceneStatistics::default()
+        };
+        let start = std::time::Instant::now();
+        let (accel, report) = Accel::build(geometries, instances, &BuildOptions::default())
+            .map_err(|e| BuildError::new("shapes", e.to_string()))?;
+        statistics.accelerator_seconds = start.elapsed().as_secs_f64();
+        statistics.accelerator_bytes = report.bytes;
+        for (n, what) in [(report.degenerate_triangles, "have no area"), (report.non_finite_triangles, "have a corner that is not finite")] {
+            if n > 0 {
+                self.warnings.push(format!("{n} triangles {what}: skipped"));
+            }
+        }
+        let (lo, hi) = accel.bounds();
+        let radius = (Vec3::from(hi) - Vec3::from(lo)).length() / 2.0;
+        let radius = if lo[0] <= hi[0] && radius > 0.0 { radius } else { 1.0 };
+        if self.emitters.is_empty() {
+            self.warnings.push("the scene has no light".into());
+        }
+        if !self.features.normals {
+            self.normals = Vec::new();
+        }
+        let emitters = Emitters::new(&self.emitters, self.environments);
+        let tables = [&primitives, &self.vertices, &self.normals, &self.shapes, &self.analytic, &self.materials];
+        let bytes = tables.iter().map(|t| t.len() * size_of::<Record>()).sum::<usize>() + self.textures.bytes();
+        let bytes = bytes + emitters.environments.iter().map(|(_, e)| e.bytes()).sum::<usize>();
+        statistics.table_bytes = bytes as u64;
+        statistics.warnings = self.warnings;
+        Ok(Scene {
+            accel,
+            primitives,
+            vertices: self.vertices,
+            normals: self.normals,
+            shapes: self.shapes,
+            analytic: self.analytic,
+            instances: instance_records,
+            instance_keyframes,
+            materials: self.materials,
+            textures: self.textures,
+            features: self.features,
+            light_sampler: LightSampler::new(&self.emitters, radius),
+            emitters,
+            camera,
+            filter,
+            statistics,
+        })
+    }
+}
+
+impl Part {
+    fn count(&self) -> u32 {
+        (self.triangles.len() + self.spheres.len() + self.disks.len()) as u32
+    }
+}
+
+/// How a shape looks.
+struct Look<'a> {
+    path: &'a str,
+    material: u32,
+    emission: Option<[f32; 3]>,
+}
+
+fn is_similarity(m: &DAffine3) -> bool {
+    let a = m.matrix3;
+    let s2 = a.x_axis.length_squared();
+    let even = [a.y_axis, a.z_axis].iter().all(|v| (v.length_squared() - s2).abs() < 1e-6 * s2);
+    even && [a.x_axis.dot(a.y_axis), a.y_axis.dot(a.z_axis), a.z_axis.dot(a.x_axis)].iter().all(|d| d.abs() < 1e-6 * s2)
+}
+
+fn flipped(mut mesh: MeshData, flip: bool) -> MeshData {
+    if flip {
+        mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+    }
+    mesh
+}
+
+fn rows(m: &DAffine3) -> rebond_bvh::Affine {
+    let c = m.to_cols_array_2d().map(|c| c.map(|x| x as f32));
+    std::array::from_fn(|r| [c[0][r], c[1][r], c[2][r], c[3][r]])
+}
+
+/// All instances with the same number of keyframes, the last repeated.
+fn instance_table(instances: &[Instance]) -> (Vec<Record>, u32) {
+    let most = instances.iter().map(|i| i.keyframes.len()).max().unwrap_or(1);
+    let mut table = Vec::new();
+    for instance in instances {
+        for k in 0..most {
+            let (time, rows) = instance.keyframes[k.min(instance.keyframes.len() - 1)];
+            table.push(Record([time, 0.0, 0.0, 0.0]));
+            table.extend(rows.map(Record));
+        }
+    }
+    (table, most as u32)
+}
+
+fn mesh_in_place(mesh: &Mesh, path: &str) -> Result<MeshData> {
+    let n = mesh.positions.len();
+    let mut triangles = Vec::new();
+    for (i, face) in mesh.faces.iter().enumerate() {
+        let place = format!("{path}.faces[{i}]");
+        if let Some(bad) = face.iter().find(|v| **v as usize >= n) {
+            let error = BuildError::new(place, format!("vertex {bad} of a mesh that has {n}"));
+            return Err(error.help(if n == 0 { "give `positions`".into() } else { format!("vertices count from 0 to {}", n - 1) }));
+        }
+        match face[..] {
+            [a, b, c] => triangles.push([a, b, c]),
+            [a, b, c, d] => triangles.extend([[a, b, c], [a, c, d]]),
+            _ => return Err(BuildError::new(place, format!("a face of {} vertices", face.len())).help("give three or four")),
+        }
+    }
+    let fits = |key: &str, length: Option<usize>| match length {
+        Some(l) if l != n => Err(BuildError::new(format!("{path}.{key}"), format!("{l} {key} for {n} positions"))),
+        _ => Ok(()),
+    };
+    fits("normals", mesh.normals.as_ref().map(Vec::len))?;
+    fits("uvs", mesh.uvs.as_ref().map(Vec::len))?;
+    Ok(MeshData { positions: mesh.positions.clone(), normals: mesh.normals.clone(), uvs: mesh.uvs.clone(), triangles })
+}
+
+/// η and k at the wavelengths of red, green and blue, from measured spectra (Johnson and Christy 1972; aluminium:
+/// Rakić 1995) weighted by the colour matching functions.
+fn index_of(metal: Metal) -> ([f32; 3], [f32; 3]) {
+    match metal {
+        Metal::Silver => ([0.155, 0.117, 0.138], [4.828, 3.122, 2.147]),
+        Metal::Aluminium => ([1.657, 0.880, 0.521], [9.224, 6.270, 4.837]),
+        Metal::Gold => ([0.143, 0.375, 1.442], [3.983, 2.386, 1.603]),
+        Metal::Copper => ([0.200, 0.924, 1.102], [3.912, 2.452, 2.142]),
+    }
+}

@@ -1,0 +1,698 @@
+//! A scene as plain data: what a scene file, an importer or a program writes, and the only way to make a
+//! [`Scene`](super::Scene).
+//!
+//! The parameters carry the names of Mitsuba 3 or pbrt-v4 where those have one. A tagged enum such as
+//! [`MaterialDescription`] is written as a table with a `type` key. Lengths are metres, angles degrees, colours linear
+//! Rec. 709; [`Color`] may be one number, for grey.
+
+use crate::film::FilterSettings;
+use crate::integrators::IntegratorSettings;
+use crate::sampling::SamplerSettings;
+use serde::de::{self, Deserializer, MapAccess, SeqAccess, Visitor, value::MapAccessDeserializer};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::fmt;
+
+/// A whole scene.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SceneDescription {
+    /// A sentence about the scene.
+    pub title: String,
+    /// Where it is seen from.
+    pub camera: CameraDescription,
+    /// What the picture is made of.
+    pub film: FilmDescription,
+    /// Sample values.
+    pub sampler: SamplerSettings,
+    /// The algorithm to use unless another is asked for.
+    pub integrator: IntegratorSettings,
+    /// Materials by name.
+    pub materials: BTreeMap<String, MaterialDescription>,
+    /// Groups of shapes by name, which only `instance` shapes put into the scene.
+    pub groups: BTreeMap<String, Vec<ShapeDescription>>,
+    /// Surfaces.
+    pub shapes: Vec<ShapeDescription>,
+    /// Lights that are not surfaces.
+    pub emitters: Vec<EmitterDescription>,
+}
+
+/// Size and filter of the picture.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FilmDescription {
+    /// Width in pixels.
+    pub width: u32,
+    /// Height in pixels.
+    pub height: u32,
+    /// Reconstruction filter.
+    pub filter: FilterSettings,
+}
+
+impl Default for FilmDescription {
+    fn default() -> Self {
+        Self { width: 512, height: 512, filter: FilterSettings::default() }
+    }
+}
+
+/// Along which side of the picture a field of view is measured.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum FovAxis {
+    /// The width.
+    #[default]
+    X,
+    /// The height.
+    Y,
+    /// The shorter.
+    Smaller,
+    /// The longer.
+    Larger,
+}
+
+/// A camera. It looks along its local +z with +y up (and, as in Mitsuba, +x to the left).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub enum CameraDescription {
+    /// A pinhole.
+    Perspective {
+        /// Where it stands.
+        #[serde(default)]
+        to_world: Transform,
+        /// Field of view, degrees.
+        #[serde(default = "default_fov")]
+        fov: f32,
+        /// What `fov` measures.
+        #[serde(default)]
+        fov_axis: FovAxis,
+        /// Time at which the shutter opens.
+        #[serde(default)]
+        shutter_open: f32,
+        /// Time at which the shutter closes.
+        #[serde(default)]
+        shutter_close: f32,
+    },
+    /// An ideal lens: depth of field.
+    ThinLens {
+        /// Where it stands.
+        #[serde(default)]
+        to_world: Transform,
+        /// Field of view, degrees.
+        #[serde(default = "default_fov")]
+        fov: f32,
+        /// What `fov` measures.
+        #[serde(default)]
+        fov_axis: FovAxis,
+        /// Radius of the lens.
+        aperture_radius: f32,
+        /// Distance along the axis that is in focus.
+        focus_distance: f32,
+        /// Time at which the shutter opens.
+        #[serde(default)]
+        shutter_open: f32,
+        /// Time at which the shutter closes.
+        #[serde(default)]
+        shutter_close: f32,
+    },
+    /// Parallel rays; the picture is as wide as 2 units of local x, as in Mitsuba: scale `to_world` for more.
+    Orthographic {
+        /// Where it stands, and how wide it is.
+        #[serde(default)]
+        to_world: Transform,
+        /// Time at which the shutter opens.
+        #[serde(default)]
+        shutter_open: f32,
+        /// Time at which the shutter closes.
+        #[serde(default)]
+        shutter_close: f32,
+    },
+}
+
+fn default_fov() -> f32 {
+    45.0
+}
+
+impl Default for CameraDescription {
+    fn default() -> Self {
+        Self::Perspective {
+            to_world: Transform::default(),
+            fov: default_fov(),
+            fov_axis: FovAxis::X,
+            shutter_open: 0.0,
+            shutter_close: 0.0,
+        }
+    }
+}
+
+/// A linear Rec. 709 colour, written as `[r, g, b]` or as one number.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Color(pub [f32; 3]);
+
+/// How the numbers of an image file stand for colours.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Encoding {
+    /// By the file: 8 and 16-bit files are sRGB, floating-point files linear.
+    #[default]
+    Auto,
+    /// Linear, whatever the file.
+    Linear,
+}
+
+/// What a texture is outside of the unit square.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Wrap {
+    /// Repeated.
+    #[default]
+    Repeat,
+    /// Its own edge.
+    Clamp,
+}
+
+/// How a texture is looked up between its texels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TextureFilter {
+    /// Interpolated linearly in both directions.
+    #[default]
+    Bilinear,
+    /// The nearest texel.
+    Nearest,
+}
+
+/// An image spread over a surface's UV coordinates, (0, 0) at its lower left.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ImageTexture {
+    /// File, relative to the scene's.
+    pub image: String,
+    /// Meaning of its numbers.
+    #[serde(default)]
+    pub encoding: Encoding,
+    /// Outside the unit square.
+    #[serde(default)]
+    pub wrap: Wrap,
+    /// Between texels.
+    #[serde(default)]
+    pub filter: TextureFilter,
+    /// How often it repeats along u and v.
+    #[serde(default = "one_by_one")]
+    pub repeat: [f32; 2],
+}
+
+fn one_by_one() -> [f32; 2] {
+    [1.0, 1.0]
+}
+
+/// A colour that may vary over a surface: a [`Color`], or a table of an [`ImageTexture`].
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(untagged)]
+pub enum Texture {
+    /// The same everywhere.
+    Constant(Color),
+    /// An image.
+    Image(ImageTexture),
+}
+
+impl Texture {
+    /// The grey of this value.
+    pub fn grey(x: f32) -> Self {
+        Self::Constant(Color([x; 3]))
+    }
+}
+
+fn half() -> Texture {
+    Texture::grey(0.5)
+}
+
+fn white() -> Texture {
+    Texture::grey(1.0)
+}
+
+/// Which form of a lobe of the lecture to use.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LobeForm {
+    /// The energy-conserving one.
+    #[default]
+    Normalized,
+    /// As the lecture prints it.
+    Lecture,
+}
+
+/// A metal whose complex index of refraction is known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Metal {
+    /// Ag.
+    Silver,
+    /// Al.
+    Aluminium,
+    /// Au.
+    Gold,
+    /// Cu.
+    Copper,
+}
+
+/// A material given in place, or the name of one in [`SceneDescription::materials`].
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(untagged)]
+pub enum MaterialRef {
+    /// By name.
+    Named(String),
+    /// In place.
+    Inline(Box<MaterialDescription>),
+}
+
+/// How a surface scatters light.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub enum MaterialDescription {
+    /// Lambert's `ρ/π`.
+    Diffuse {
+        /// ρ.
+        #[serde(default = "half")]
+        reflectance: Texture,
+    },
+    /// A perfect mirror.
+    Mirror {
+        /// Share of light it reflects.
+        #[serde(default = "white")]
+        reflectance: Texture,
+    },
+    /// Glass, water and the like: smooth, or of GGX roughness.
+    Dielectric {
+        /// Index of refraction inside (against the normal).
+        #[serde(default = "glass")]
+        int_ior: f32,
+        /// Index of refraction outside.
+        #[serde(default = "air")]
+        ext_ior: f32,
+        /// GGX roughness; 0 is smooth.
+        #[serde(default)]
+        alpha: f32,
+        /// Roughness along the tangent, in place of `alpha`.
+        #[serde(default)]
+        alpha_u: Option<f32>,
+        /// Roughness across the tangent, in place of `alpha`.
+        #[serde(default)]
+        alpha_v: Option<f32>,
+        /// Factor on all it scatters; 1 for what is physical.
+        #[serde(default = "white")]
+        tint: Texture,
+    },
+    /// Metal: smooth, or of GGX roughness.
+    Conductor {
+        /// Take η and k of this metal.
+        #[serde(default)]
+        metal: Option<Metal>,
+        /// Real part of the index of refraction, per channel.
+        #[serde(default)]
+        eta: Option<Color>,
+        /// Imaginary part.
+        #[serde(default)]
+        k: Option<Color>,
+        /// GGX roughness; 0 is smooth.
+        #[serde(default)]
+        alpha: f32,
+        /// Roughness along the tangent, in place of `alpha`.
+        #[serde(default)]
+        alpha_u: Option<f32>,
+        /// Roughness across the tangent, in place of `alpha`.
+        #[serde(default)]
+        alpha_v: Option<f32>,
+        /// Factor on the reflectance; 1 for what is physical.
+        #[serde(default = "white")]
+        tint: Texture,
+    },
+    /// Phong's lobe around the mirror direction.
+    Phong {
+        /// ρ.
+        #[serde(default = "half")]
+        reflectance: Texture,
+        /// r.
+        exponent: f32,
+        /// Which form.
+        #[serde(default)]
+        form: LobeForm,
+    },
+    /// Blinn and Phong's lobe of the half vector.
+    BlinnPhong {
+        /// ρ.
+        #[serde(default = "half")]
+        reflectance: Texture,
+        /// r.
+        exponent: f32,
+        /// Which form.
+        #[serde(default)]
+        form: LobeForm,
+    },
+    /// A share `weight` of `b`, the rest of `a`.
+    Mix {
+        /// The material at weight 0.
+        a: MaterialRef,
+        /// The material at weight 1.
+        b: MaterialRef,
+        /// Share of `b`, in [0, 1].
+        weight: f32,
+    },
+    /// The same from both sides, or another one behind. Other opaque materials are black from behind.
+    TwoSided {
+        /// The material in front.
+        front: MaterialRef,
+        /// The material behind; as in front if not given.
+        #[serde(default)]
+        back: Option<MaterialRef>,
+    },
+}
+
+fn glass() -> f32 {
+    1.5
+}
+
+fn air() -> f32 {
+    1.0
+}
+
+/// One step of a [`Transform`]; exactly one key is given.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TransformStep {
+    /// Move.
+    pub translate: Option<[f32; 3]>,
+    /// Scale by one factor or one per axis.
+    pub scale: Option<Color>,
+    /// Turn.
+    pub rotate: Option<Rotate>,
+    /// Stand at `origin`, +z towards `target`.
+    pub look_at: Option<LookAt>,
+    /// Any affine matrix, three or four rows of four.
+    pub matrix: Option<Vec<[f32; 4]>>,
+    /// A motion: where things are at two or more times.
+    pub keyframes: Option<Vec<Keyframe>>,
+}
+
+/// A rotation.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Rotate {
+    /// Around this axis.
+    pub axis: [f32; 3],
+    /// By this many degrees.
+    pub angle: f32,
+}
+
+/// A point of view.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LookAt {
+    /// From here.
+    pub origin: [f32; 3],
+    /// To there.
+    pub target: [f32; 3],
+    /// With this direction upwards.
+    pub up: [f32; 3],
+}
+
+/// Where a moving thing is at one time.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Keyframe {
+    /// When.
+    pub time: f32,
+    /// Where; without keyframes of its own.
+    #[serde(default)]
+    pub to_world: Transform,
+}
+
+/// Steps applied one after the other, the first first. Written as a list of steps, or as a single one.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Transform(pub Vec<TransformStep>);
+
+macro_rules! shape {
+    ($(#[$doc:meta])* $name:ident { $($(#[$field_doc:meta])* $field:ident: $type:ty,)* }) => {
+        $(#[$doc])*
+        #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+        #[serde(deny_unknown_fields)]
+        pub struct $name {
+            $($(#[$field_doc])* pub $field: $type,)*
+            /// How it scatters light; diffuse of reflectance 0.5 if not given.
+            #[serde(default)]
+            pub material: Option<MaterialRef>,
+            /// Radiance it emits, to the side of its normal, W·sr⁻¹·m⁻².
+            #[serde(default)]
+            pub emission: Option<Color>,
+            /// Where it is.
+            #[serde(default)]
+            pub to_world: Transform,
+        }
+    };
+}
+
+shape! {
+    /// Triangles given in place.
+    Mesh {
+        /// Corners.
+        positions: Vec<[f32; 3]>,
+        /// Places in `positions`, three for a triangle or four for a quadrilateral, counter-clockwise seen from the
+        /// side of the normal.
+        faces: Vec<Vec<u32>>,
+        /// Normal at each position, for smooth shading.
+        #[serde(default)]
+        normals: Option<Vec<[f32; 3]>>,
+        /// Texture coordinates at each position.
+        #[serde(default)]
+        uvs: Option<Vec<[f32; 2]>>,
+    }
+}
+shape! {
+    /// Triangles in a file.
+    MeshFile {
+        /// File, relative to the scene's.
+        file: String,
+        /// Ignore the file's normals.
+        #[serde(default)]
+        face_normals: bool,
+    }
+}
+shape! {
+    /// A sphere, exact.
+    Sphere {
+        /// Centre.
+        #[serde(default)]
+        center: [f32; 3],
+        /// Radius.
+        #[serde(default = "unit_radius")]
+        radius: f32,
+        /// Normals, and so emission, point inwards.
+        #[serde(default)]
+        flip_normals: bool,
+    }
+}
+shape! {
+    /// The square from (−1, −1, 0) to (1, 1, 0), the unit disk, or the cube from (−1, −1, −1) to (1, 1, 1); the normal
+    /// of the flat ones is +z.
+    Simple {
+        /// Normals, and so emission, point the other way.
+        #[serde(default)]
+        flip_normals: bool,
+    }
+}
+
+/// A group of shapes, placed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct InstanceDescription {
+    /// Name of the group.
+    pub group: String,
+    /// Where it is.
+    #[serde(default)]
+    pub to_world: Transform,
+}
+
+fn unit_radius() -> f32 {
+    1.0
+}
+
+/// A surface.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ShapeDescription {
+    /// Triangles given in place.
+    Mesh(Mesh),
+    /// A Wavefront OBJ file.
+    Obj(MeshFile),
+    /// A PLY file.
+    Ply(MeshFile),
+    /// A sphere.
+    Sphere(Sphere),
+    /// The square from (−1, −1, 0) to (1, 1, 0).
+    Rectangle(Simple),
+    /// The unit disk, normal +z.
+    Disk(Simple),
+    /// The cube from (−1, −1, −1) to (1, 1, 1).
+    Cube(Simple),
+    /// A group of shapes, placed.
+    Instance(InstanceDescription),
+}
+
+/// A light that is not a surface.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub enum EmitterDescription {
+    /// A point that shines alike in all directions.
+    Point {
+        /// Where.
+        position: [f32; 3],
+        /// Radiant intensity, W·sr⁻¹.
+        intensity: Color,
+    },
+    /// A point that shines into a cone around its local +z.
+    Spot {
+        /// Where it stands and points.
+        to_world: Transform,
+        /// Radiant intensity on the axis, W·sr⁻¹.
+        intensity: Color,
+        /// Half-angle beyond which there is no light, degrees.
+        #[serde(default = "default_cutoff")]
+        cutoff_angle: f32,
+        /// Half-angle up to which the intensity is full; three quarters of the cutoff if not given. Between them it
+        /// falls linearly with the angle.
+        #[serde(default)]
+        beam_width: Option<f32>,
+    },
+    /// Parallel light, from infinitely far.
+    Directional {
+        /// Where the light goes.
+        direction: [f32; 3],
+        /// Irradiance on a surface that faces it, W·m⁻².
+        irradiance: Color,
+    },
+    /// The same radiance from everywhere.
+    Constant {
+        /// Radiance, W·sr⁻¹·m⁻².
+        radiance: Color,
+    },
+    /// An image of everywhere: equirectangular, its centre towards local −z, its top towards +y.
+    Envmap {
+        /// File, relative to the scene's.
+        file: String,
+        /// Factor.
+        #[serde(default = "unit_radius")]
+        scale: f32,
+        /// How it is turned.
+        #[serde(default)]
+        to_world: Transform,
+    },
+}
+
+fn default_cutoff() -> f32 {
+    20.0
+}
+
+/// Numbers: one, or exactly three.
+struct ColorVisitor;
+
+impl<'de> Visitor<'de> for ColorVisitor {
+    type Value = Color;
+    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str("a number or three of them")
+    }
+    fn visit_f64<E: de::Error>(self, x: f64) -> Result<Color, E> {
+        Ok(Color([x as f32; 3]))
+    }
+    fn visit_i64<E: de::Error>(self, x: i64) -> Result<Color, E> {
+        self.visit_f64(x as f64)
+    }
+    fn visit_u64<E: de::Error>(self, x: u64) -> Result<Color, E> {
+        self.visit_f64(x as f64)
+    }
+    fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Color, A::Error> {
+        let mut c = [0.0; 3];
+        for (i, x) in c.iter_mut().enumerate() {
+            *x = seq.next_element()?.ok_or_else(|| de::Error::invalid_length(i, &self))?;
+        }
+        match seq.next_element::<f32>()? {
+            None => Ok(Color(c)),
+            Some(_) => Err(de::Error::invalid_length(4, &self)),
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for Color {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        d.deserialize_any(ColorVisitor)
+    }
+}
+
+impl<'de> Deserialize<'de> for Texture {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        struct TextureVisitor;
+        impl<'de> Visitor<'de> for TextureVisitor {
+            type Value = Texture;
+            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+                f.write_str("a number, three of them, or a table with an `image`")
+            }
+            fn visit_f64<E: de::Error>(self, x: f64) -> Result<Texture, E> {
+                ColorVisitor.visit_f64(x).map(Texture::Constant)
+            }
+            fn visit_i64<E: de::Error>(self, x: i64) -> Result<Texture, E> {
+                ColorVisitor.visit_i64(x).map(Texture::Constant)
+            }
+            fn visit_u64<E: de::Error>(self, x: u64) -> Result<Texture, E> {
+                ColorVisitor.visit_u64(x).map(Texture::Constant)
+            }
+            fn visit_seq<A: SeqAccess<'de>>(self, seq: A) -> Result<Texture, A::Error> {
+                ColorVisitor.visit_seq(seq).map(Texture::Constant)
+            }
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Texture, A::Error> {
+                ImageTexture::deserialize(MapAccessDeserializer::new(map)).map(Texture::Image)
+            }
+        }
+        d.deserialize_any(TextureVisitor)
+    }
+}
+
+impl<'de> Deserialize<'de> for Transform {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        struct TransformVisitor;
+        impl<'de> Visitor<'de> for TransformVisitor {
+            type Value = Transform;
+            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+                f.write_str("a step such as { translate = [x, y, z] }, or a list of steps")
+            }
+            fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Transform, A::Error> {
+                let mut steps = Vec::new();
+                while let Some(step) = seq.next_element()? {
+                    steps.push(step);
+                }
+                Ok(Transform(steps))
+            }
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Transform, A::Error> {
+                TransformStep::deserialize(MapAccessDeserializer::new(map)).map(|step| Transform(vec![step]))
+            }
+        }
+        d.deserialize_any(TransformVisitor)
+    }
+}
+
+impl<'de> Deserialize<'de> for MaterialRef {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        struct RefVisitor;
+        impl<'de> Visitor<'de> for RefVisitor {
+            type Value = MaterialRef;
+            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+                f.write_str("the name of a material, or a table that describes one")
+            }
+            fn visit_str<E: de::Error>(self, name: &str) -> Result<MaterialRef, E> {
+                Ok(MaterialRef::Named(name.to_string()))
+            }
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<MaterialRef, A::Error> {
+                let description = MaterialDescription::deserialize(MapAccessDeserializer::new(map))?;
+                Ok(MaterialRef::Inline(Box::new(description)))
+            }
+        }
+        d.deserialize_any(RefVisitor)
+    }
+}

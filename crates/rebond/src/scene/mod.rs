@@ -1,0 +1,286 @@
+//! The scene: a [`SceneDescription`] is built once to an immutable [`Scene`], which answers queries.
+
+mod build;
+pub mod description;
+mod surface;
+mod transform;
+
+pub use build::{MeshSource, Resources, build};
+pub use description::SceneDescription;
+pub use surface::Surface;
+
+use crate::bsdf::{Bsdf, Lobe, Model};
+use crate::camera::Camera;
+use crate::emitter::{EmitterHit, EmitterSample, Emitters, LightSampler};
+use crate::film::Filter;
+use crate::math::{Frame, Rgb, Vec3};
+use crate::texture::Textures;
+use rebond_bvh::{Accel, Hit, Ray, Trace};
+use rebond_lanes::{Index, Mask, Real, Record};
+
+/// What is wrong with a description, and where.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{path}: {message}")]
+pub struct BuildError {
+    /// Place in the description, such as `shapes[3].radius`.
+    pub path: String,
+    /// What is wrong.
+    pub message: String,
+    /// What to do about it.
+    pub help: Option<String>,
+}
+
+impl BuildError {
+    pub(crate) fn new(path: impl Into<String>, message: impl Into<String>) -> Self {
+        Self { path: path.into(), message: message.into(), help: None }
+    }
+    pub(crate) fn help(mut self, help: impl Into<String>) -> Self {
+        self.help = Some(help.into());
+        self
+    }
+}
+
+/// What a scene is made of, for reports.
+#[derive(Clone, Debug, Default)]
+pub struct SceneStatistics {
+    /// Triangles, each group's counted once.
+    pub triangles: u64,
+    /// Spheres and disks.
+    pub analytic_shapes: u64,
+    /// Instances of groups and of moving shapes; 0 if everything stands in one space.
+    pub instances: u64,
+    /// Emitters; every triangle of a shining mesh is one.
+    pub emitters: u64,
+    /// Materials, those within others included.
+    pub materials: u64,
+    /// Bytes of the ray accelerator.
+    pub accelerator_bytes: u64,
+    /// Bytes of all else.
+    pub table_bytes: u64,
+    /// Seconds it took to build the ray accelerator.
+    pub accelerator_seconds: f64,
+    /// What was skipped or looks wrong, in words.
+    pub warnings: Vec<String>,
+}
+
+/// A scene, ready for light.
+pub struct Scene {
+    accel: Accel,
+    /// Triangles: [corner, corner, corner, shape] (words). Spheres and disks: [place in `analytic`, –, –, shape].
+    primitives: Vec<Record>,
+    /// [x, y, z, u].
+    vertices: Vec<Record>,
+    /// [nx, ny, nz, v]; empty if no shape has normals or UVs.
+    normals: Vec<Record>,
+    /// [material, emitter of its first primitive or none, flags, first primitive] (words).
+    shapes: Vec<Record>,
+    /// Spheres and disks, three records each: [centre, radius], [x axis, ±1], [z axis, –].
+    analytic: Vec<Record>,
+    /// Instances: `instance_stride` records each: per keyframe, time-stamped rows of the matrix.
+    instances: Vec<Record>,
+    /// Keyframes of each instance; all have the same number.
+    instance_keyframes: u32,
+    /// Materials: `MATERIAL_RECORDS` each.
+    materials: Vec<Record>,
+    textures: Textures,
+    features: Features,
+    emitters: Emitters,
+    light_sampler: LightSampler,
+    camera: Camera,
+    filter: Filter,
+    statistics: SceneStatistics,
+}
+
+/// What a scene has at all, so that what it has not costs nothing.
+#[derive(Clone, Copy, Debug, Default)]
+struct Features {
+    /// Bit m: some material is of model m.
+    models: u32,
+    normals: bool,
+    analytic: bool,
+    instances: bool,
+    mixes: bool,
+    two_sided: bool,
+    tangents: bool,
+    emissive_shapes: bool,
+}
+
+/// Flags of a shape.
+const HAS_NORMALS: u32 = 1;
+const HAS_UVS: u32 = 2;
+const IS_SPHERE: u32 = 4;
+const IS_DISK: u32 = 8;
+/// Each of its primitives is an emitter of its own.
+const EMITTER_PER_PRIMITIVE: u32 = 16;
+
+/// Records of a material: [model, texture + 1, –, –] (words), [colour, –], parameters, parameters. A mix: [MIX, a, b, –]
+/// (words), [weight of b, –, –, –]. A two-sided one: [TWO_SIDED, front, back, –] (words).
+const MATERIAL_RECORDS: u32 = 4;
+/// The model word of a mix.
+const MIX: u32 = 1000;
+/// The model word of a two-sided material.
+const TWO_SIDED: u32 = 1001;
+
+impl Scene {
+    /// The camera.
+    pub fn camera(&self) -> &Camera {
+        &self.camera
+    }
+
+    /// The reconstruction filter.
+    pub fn filter(&self) -> &Filter {
+        &self.filter
+    }
+
+    /// The emitters.
+    pub fn emitters(&self) -> &Emitters {
+        &self.emitters
+    }
+
+    /// The choice among emitters.
+    pub fn light_sampler(&self) -> &LightSampler {
+        &self.light_sampler
+    }
+
+    /// What it is made of.
+    pub fn statistics(&self) -> &SceneStatistics {
+        &self.statistics
+    }
+
+    /// Lower and upper corner of all surfaces.
+    pub fn bounds(&self) -> ([f32; 3], [f32; 3]) {
+        self.accel.bounds()
+    }
+
+    /// The first surface along each ray of `mask`. `coherent` rays start near one another and go the same way.
+    #[inline(always)]
+    pub fn intersect<F: Trace>(&self, ray: &Ray<F>, mask: F::Mask, coherent: bool) -> Hit<F> {
+        self.accel.closest(ray, mask, coherent)
+    }
+
+    /// Whether anything lies on the rays of `mask`.
+    #[inline(always)]
+    pub fn occluded<F: Trace>(&self, ray: &Ray<F>, mask: F::Mask) -> F::Mask {
+        self.accel.occluded(ray, mask)
+    }
+
+    /// Radiance that the surface sends back along the ray that found it.
+    #[inline(always)]
+    pub fn emitted<F: Real>(&self, surface: &Surface<F>, mask: F::Mask) -> Rgb<F> {
+        if !self.features.emissive_shapes {
+            return Rgb::black();
+        }
+        let lit = mask & surface.is_emitter() & surface.front();
+        if lit.none() { Rgb::black() } else { self.emitters.radiance(surface.emitter).masked(lit) }
+    }
+
+    /// Density per solid angle with which [`Scene::sample_light`] at `p` would have found this surface.
+    #[inline(always)]
+    pub fn light_pdf<F: Real>(&self, p: Vec3<F>, n: Vec3<F>, surface: &Surface<F>, mask: F::Mask) -> F {
+        let hit = EmitterHit { emitter: surface.emitter, to: surface.p - p, normal: surface.ng };
+        self.emitters.pdf(&hit, mask).0 * self.light_sampler.probability(p, n, surface.emitter)
+    }
+
+    /// Light for a point `p` with normal `n`: from one emitter, chosen by `choice`, weighed for all; its `pdf` is that
+    /// of the choice and the direction together. `None` in a scene without light.
+    #[inline(always)]
+    pub fn sample_light<F: Real>(&self, p: Vec3<F>, n: Vec3<F>, choice: impl FnOnce() -> F, u: [F; 2], mask: F::Mask) -> Option<EmitterSample<F>> {
+        let (emitter, probability) = self.light_sampler.sample(p, n, choice)?;
+        let mut sample = self.emitters.sample(emitter, p, u, mask);
+        sample.weight = sample.weight * probability.recip();
+        sample.pdf.0 = sample.pdf.0 * probability;
+        Some(sample)
+    }
+
+    /// Light of the surroundings along the unit direction `w` as seen from `p`: each one's radiance and the density
+    /// with which [`Scene::sample_light`] would have found it.
+    #[inline(always)]
+    pub fn surroundings<F: Real>(&self, p: Vec3<F>, n: Vec3<F>, w: Vec3<F>) -> impl Iterator<Item = (Rgb<F>, F)> {
+        self.emitters.environments.iter().map(move |(number, environment)| {
+            let probability = self.light_sampler.probability(p, n, F::Index::splat(*number));
+            (environment.radiance(w), environment.pdf(w).0 * probability)
+        })
+    }
+
+    /// The BSDF of a surface. Mixes are resolved by drawing one of their parts, by `choice` in [0, 1).
+    #[inline(always)]
+    pub fn bsdf<F: Real>(&self, surface: &Surface<F>, choice: impl FnOnce() -> F, mask: F::Mask) -> Bsdf<F> {
+        let record = |material: F::Index, n: u32| {
+            F::record(&self.materials, material * F::Index::splat(MATERIAL_RECORDS) + F::Index::splat(n))
+        };
+        let mut material = surface.material;
+        let (mut frame, mut ng) = (surface.frame, surface.ng);
+        let mut head = record(material, 0).map(F::to_bits);
+        if self.features.two_sided {
+            let two_sided = mask & head[0].eq(F::Index::splat(TWO_SIDED));
+            if two_sided.any() {
+                let behind = two_sided.and_not(surface.front());
+                material = F::Index::select(two_sided, F::Index::select(behind, head[2], head[1]), material);
+                // Turned about the first tangent, so that the frame stays right-handed.
+                (frame.n, ng) = (Vec3::select(behind, -frame.n, frame.n), Vec3::select(behind, -ng, ng));
+                frame.t = Vec3::select(behind, -frame.t, frame.t);
+                head = record(material, 0).map(F::to_bits);
+            }
+        }
+        if self.features.mixes {
+            let mut u = choice();
+            loop {
+                let mixed = mask & head[0].eq(F::Index::splat(MIX));
+                if mixed.none() {
+                    break;
+                }
+                let weight = record(material, 1)[0];
+                let takes_b = u.lt(weight);
+                // What is left of u within its share serves the next level.
+                let rest = F::select(takes_b, u / weight, (u - weight) / (F::one() - weight));
+                u = F::select(mixed, rest, u);
+                material = F::Index::select(mixed, F::Index::select(takes_b, head[2], head[1]), material);
+                head = record(material, 0).map(F::to_bits);
+            }
+        }
+        let mut color = Rgb::of_record(record(material, 1));
+        if !self.textures.is_empty() {
+            let textured = mask & head[1].ne(F::Index::splat(0));
+            if textured.any() {
+                let texel = self.textures.eval(head[1] - F::Index::splat(1), surface.uv);
+                color = color * Rgb::select(textured, texel, Rgb::white());
+            }
+        }
+        let p = if self.features.models & !(1 << Model::Diffuse as u32 | 1 << Model::Mirror as u32) == 0 {
+            [F::zero(); 8]
+        } else {
+            let (a, b) = (record(material, 2), record(material, 3));
+            [a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3]]
+        };
+        Bsdf::new(head[0], self.features.models, Lobe { color, p }, frame, ng, mask)
+    }
+
+    /// Where a ray found a surface, for the lanes of `mask` (all of which hit something).
+    #[inline(always)]
+    pub fn surface<F: Real>(&self, ray: &Ray<F>, hit: &Hit<F>, mask: F::Mask) -> Surface<F> {
+        surface::surface(self, ray, hit, mask)
+    }
+}
+
+/// Frames are built from a tangent only where some material needs it.
+#[inline(always)]
+fn shading_frame<F: Real>(n: Vec3<F>, tangent: Option<Vec3<F>>) -> Frame<F> {
+    match tangent {
+        Some(t) => Frame::with_tangent(n, t),
+        None => Frame::around(n),
+    }
+}
+
+/// Lanes that hit something.
+#[inline(always)]
+pub fn is_hit<F: Real>(hit: &Hit<F>) -> F::Mask {
+    hit.primitive.ne(F::Index::splat(rebond_bvh::MISS))
+}
+
+impl<F: Real> Surface<F> {
+    /// Lanes whose surface shines.
+    #[inline(always)]
+    pub fn is_emitter(&self) -> F::Mask {
+        self.emitter.ne(F::Index::splat(crate::emitter::NO_EMITTER))
+    }
+}

@@ -1,0 +1,251 @@
+//! From a hit to a point on a surface, with a bound of its error.
+
+use super::{
+    EMITTER_PER_PRIMITIVE, HAS_NORMALS, HAS_UVS, IS_DISK, IS_SPHERE, Scene, shading_frame,
+};
+use crate::emitter::{NO_EMITTER, POINT_ERROR};
+use crate::math::{Frame, Vec3, offset_from_surface, vec3};
+use rebond_bvh::{Hit, Ray};
+use rebond_lanes::{Index, Mask, Real, math};
+use std::f32::consts::{FRAC_1_PI, PI};
+
+/// A point on a surface, as a ray found it.
+#[derive(Clone, Copy, Debug)]
+pub struct Surface<F: Real> {
+    /// The point, computed on the surface rather than along the ray.
+    pub p: Vec3<F>,
+    /// Bound, per axis, of the distance of `p` from the true surface.
+    pub error: F,
+    /// Geometric unit normal.
+    pub ng: Vec3<F>,
+    /// Shading frame.
+    pub frame: Frame<F>,
+    /// Texture coordinates.
+    pub uv: [F; 2],
+    /// Unit direction back along the ray.
+    pub wo: Vec3<F>,
+    /// Material.
+    pub material: F::Index,
+    /// Emitter, or [`NO_EMITTER`].
+    pub emitter: F::Index,
+}
+
+impl<F: Real> Surface<F> {
+    /// Lanes in which the ray came from the side of the normal.
+    #[inline(always)]
+    pub fn front(&self) -> F::Mask {
+        self.wo.dot(self.ng).gt(F::zero())
+    }
+
+    /// Where a ray into direction `w` starts, so that it does not meet this surface again.
+    #[inline(always)]
+    pub fn leave(&self, w: Vec3<F>) -> Vec3<F> {
+        offset_from_surface(self.p, self.error, self.ng, w)
+    }
+}
+
+/// Geometry of a hit, in the space of its instance.
+#[derive(Clone, Copy)]
+struct Local<F: Real> {
+    p: Vec3<F>,
+    error: F,
+    ng: Vec3<F>,
+    ns: Vec3<F>,
+    tangent: Vec3<F>,
+    uv: [F; 2],
+}
+
+#[inline(always)]
+pub fn surface<F: Real>(scene: &Scene, ray: &Ray<F>, hit: &Hit<F>, mask: F::Mask) -> Surface<F> {
+    let primitive = F::Index::select(mask, hit.primitive, F::Index::splat(0));
+    let corners = F::record(&scene.primitives, primitive).map(F::to_bits);
+    let [material, first_emitter, flags, first_primitive] = F::record(&scene.shapes, corners[3]).map(F::to_bits);
+    let flag = |f: u32| (flags & F::Index::splat(f)).ne(F::Index::splat(0));
+    let analytic = if scene.features.analytic { flag(IS_SPHERE | IS_DISK) & mask } else { F::Mask::splat(false) };
+
+    let mut local = triangle(scene, hit, &corners, flag(HAS_NORMALS), flag(HAS_UVS), analytic);
+    if analytic.any() {
+        let matrix = if scene.features.instances { Some(Placed::of(scene, hit, ray.time, mask)) } else { None };
+        let round = round(scene, ray, hit, corners[0], flag(IS_SPHERE), analytic, matrix.as_ref());
+        let pick = |a: Vec3<F>, b: Vec3<F>| Vec3::select(analytic, a, b);
+        local = Local {
+            p: pick(round.p, local.p),
+            error: F::select(analytic, round.error, local.error),
+            ng: pick(round.ng, local.ng),
+            ns: pick(round.ns, local.ns),
+            tangent: pick(round.tangent, local.tangent),
+            uv: [F::select(analytic, round.uv[0], local.uv[0]), F::select(analytic, round.uv[1], local.uv[1])],
+        };
+    }
+    if scene.features.instances {
+        local = Placed::of(scene, hit, ray.time, mask).place(local);
+    }
+    let emitter = if scene.features.emissive_shapes {
+        let own = flag(EMITTER_PER_PRIMITIVE);
+        let number = first_emitter + F::Index::select(own, primitive - first_primitive, F::Index::splat(0));
+        F::Index::select(first_emitter.eq(F::Index::splat(NO_EMITTER)), first_emitter, number)
+    } else {
+        F::Index::splat(NO_EMITTER)
+    };
+    let tangent = scene.features.tangents.then_some(local.tangent);
+    Surface {
+        p: local.p,
+        error: local.error,
+        ng: local.ng,
+        frame: shading_frame(local.ns, tangent),
+        uv: local.uv,
+        wo: vec3(-ray.d[0], -ray.d[1], -ray.d[2]),
+        material,
+        emitter,
+    }
+}
+
+#[inline(always)]
+fn triangle<F: Real>(scene: &Scene, hit: &Hit<F>, corners: &[F::Index; 4], has_normals: F::Mask, has_uvs: F::Mask, other: F::Mask) -> Local<F> {
+    if scene.vertices.is_empty() || other.all() {
+        let z = Vec3::splat([0.0, 0.0, 1.0]);
+        return Local { p: Vec3::zero(), error: F::zero(), ng: z, ns: z, tangent: z, uv: [F::zero(); 2] };
+    }
+    let [v0, v1, v2] = [0, 1, 2].map(|i| F::record(&scene.vertices, corners[i]));
+    let [p0, p1, p2] = [v0, v1, v2].map(Vec3::of_record);
+    let (e1, e2) = (p1 - p0, p2 - p0);
+    let ng = e1.cross(e2).normalized();
+    let mut local = Local {
+        p: e1.mul_add(hit.u, e2.mul_add(hit.v, p0)),
+        error: (p0.max_abs() + e1.max_abs() + e2.max_abs()) * POINT_ERROR,
+        ng,
+        ns: ng,
+        tangent: e1,
+        uv: [hit.u, hit.v],
+    };
+    if scene.features.normals && (has_normals | has_uvs).any() {
+        let [n0, n1, n2] = [0, 1, 2].map(|i| F::record(&scene.normals, corners[i]));
+        let w = F::one() - hit.u - hit.v;
+        let across = |a: F, b: F, c: F| w * a + hit.u * b + hit.v * c;
+        let n = vec3(across(n0[0], n1[0], n2[0]), across(n0[1], n1[1], n2[1]), across(n0[2], n1[2], n2[2]));
+        let length2 = n.length_squared();
+        // Normals that cancel out, or were never there, leave the geometric one; the side is the face's.
+        let usable = has_normals & length2.gt(F::splat(1e-12));
+        local.ns = Vec3::select(usable, (n * length2.sqrt().recip()).facing(ng), ng);
+        let uv = [across(v0[3], v1[3], v2[3]), across(n0[3], n1[3], n2[3])];
+        local.uv = [F::select(has_uvs, uv[0], local.uv[0]), F::select(has_uvs, uv[1], local.uv[1])];
+        if scene.features.tangents {
+            // ∂p/∂u from the UVs of the corners; the first edge where they are degenerate.
+            let (du1, du2, dv1, dv2) = (v1[3] - v0[3], v2[3] - v0[3], n1[3] - n0[3], n2[3] - n0[3]);
+            let determinant = du1 * dv2 - du2 * dv1;
+            let along_u = e1 * dv2 - e2 * dv1;
+            let usable = has_uvs & determinant.abs().gt(F::splat(1e-12));
+            local.tangent = Vec3::select(usable, along_u * F::one().copy_sign(determinant), local.tangent);
+        }
+    }
+    local
+}
+
+/// A sphere or a disk.
+#[inline(always)]
+fn round<F: Real>(scene: &Scene, ray: &Ray<F>, hit: &Hit<F>, place: F::Index, sphere: F::Mask, mask: F::Mask, matrix: Option<&Placed<F>>) -> Local<F> {
+    let place = F::Index::select(mask, place, F::Index::splat(0));
+    let record = |n: u32| F::record(&scene.analytic, place + F::Index::splat(n));
+    let ([cx, cy, cz, radius], [sx, sy, sz, sign], [nx, ny, nz, _]) = (record(0), record(1), record(2));
+    let (center, axes) = (vec3(cx, cy, cz), Frame { s: vec3(sx, sy, sz), t: vec3(nx, ny, nz).cross(vec3(sx, sy, sz)), n: vec3(nx, ny, nz) });
+    let (o, d) = (Vec3 { x: ray.o[0], y: ray.o[1], z: ray.o[2] }, Vec3 { x: ray.d[0], y: ray.d[1], z: ray.d[2] });
+    let along = d.mul_add(hit.t, o);
+    let along = matrix.map_or(along, |m| m.to_object(along));
+    let from_center = along - center;
+    // Onto the sphere, or into the plane of the disk.
+    let out = from_center.normalized();
+    let flat = from_center - axes.n * axes.n.dot(from_center);
+    let arm = Vec3::select(sphere, out * radius, flat);
+    let n = Vec3::select(sphere, out, axes.n) * sign;
+    let l = axes.to_local(arm) * radius.recip();
+    let phi = math::atan2(l.y, l.x) * (0.5 * FRAC_1_PI);
+    let u = phi - phi.floor();
+    let v = F::select(sphere, math::acos(-l.z) * FRAC_1_PI, (l.x * l.x + l.y * l.y).sqrt());
+    Local {
+        p: center + arm,
+        error: (center.max_abs() + radius) * POINT_ERROR,
+        ng: n,
+        ns: n,
+        tangent: Vec3::select(sphere, axes.n.cross(out), axes.s) * F::splat(2.0 * PI),
+        uv: [u, v],
+    }
+}
+
+/// The matrix of each lane's instance at the time of its ray.
+struct Placed<F: Real> {
+    rows: [[F; 4]; 3],
+}
+
+impl<F: Real> Placed<F> {
+    #[inline(always)]
+    fn of(scene: &Scene, hit: &Hit<F>, time: F, mask: F::Mask) -> Self {
+        let instance = F::Index::select(mask, hit.instance, F::Index::splat(0));
+        let keyframes = scene.instance_keyframes;
+        // Each keyframe: [time, –, –, –] and three rows.
+        let record = |k: u32, n: u32| {
+            F::record(&scene.instances, instance * F::Index::splat(4 * keyframes) + F::Index::splat(4 * k + n))
+        };
+        let mut rows: [[F; 4]; 3] = std::array::from_fn(|r| record(0, r as u32 + 1));
+        for k in 1..keyframes {
+            let (t0, t1) = (record(k - 1, 0)[0], record(k, 0)[0]);
+            let after = time.gt(t0) & t1.gt(t0);
+            if (after & mask).none() {
+                continue;
+            }
+            let share = ((time - t0) / (t1 - t0)).clamp(0.0, 1.0);
+            for r in 0..3 {
+                let (a, b) = (record(k - 1, r as u32 + 1), record(k, r as u32 + 1));
+                rows[r] = std::array::from_fn(|c| F::select(after, a[c] + (b[c] - a[c]) * share, rows[r][c]));
+            }
+        }
+        Self { rows }
+    }
+
+    fn linear(&self, row: usize) -> Vec3<F> {
+        vec3(self.rows[row][0], self.rows[row][1], self.rows[row][2])
+    }
+
+    #[inline(always)]
+    fn vector(&self, v: Vec3<F>) -> Vec3<F> {
+        vec3(self.linear(0).dot(v), self.linear(1).dot(v), self.linear(2).dot(v))
+    }
+
+    /// The rows of the transposed inverse of the linear part, times its determinant; and the determinant.
+    #[inline(always)]
+    fn cofactors(&self) -> ([Vec3<F>; 3], F) {
+        let [a, b, c] = [0, 1, 2].map(|r| self.linear(r));
+        let columns = [b.cross(c), c.cross(a), a.cross(b)];
+        (columns, a.dot(columns[0]))
+    }
+
+    #[inline(always)]
+    fn to_object(&self, p: Vec3<F>) -> Vec3<F> {
+        let ([x, y, z], determinant) = self.cofactors();
+        let moved = p - vec3(self.rows[0][3], self.rows[1][3], self.rows[2][3]);
+        (x * moved.x + y * moved.y + z * moved.z) * determinant.recip()
+    }
+
+    #[inline(always)]
+    fn place(&self, l: Local<F>) -> Local<F> {
+        let translation = vec3(self.rows[0][3], self.rows[1][3], self.rows[2][3]);
+        // Normals go by the transposed inverse; outwards stays outwards if the matrix mirrors.
+        let (cofactors, determinant) = self.cofactors();
+        let sign = F::one().copy_sign(determinant);
+        let normal = |n: Vec3<F>| vec3(cofactors[0].dot(n), cofactors[1].dot(n), cofactors[2].dot(n)).normalized() * sign;
+        let stretch = [0, 1, 2].map(|r| {
+            let row = self.linear(r);
+            row.x.abs() + row.y.abs() + row.z.abs()
+        });
+        let stretch = stretch[0].max(stretch[1]).max(stretch[2]);
+        let p = self.vector(l.p) + translation;
+        let size = l.p.max_abs() * stretch + translation.max_abs();
+        Local {
+            p,
+            error: l.error * stretch + size * POINT_ERROR,
+            ng: normal(l.ng),
+            ns: normal(l.ns),
+            tangent: self.vector(l.tangent),
+            uv: l.uv,
+        }
+    }
+}

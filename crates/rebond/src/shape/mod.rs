@@ -1,0 +1,63 @@
+//! Surfaces: indexed triangle meshes. (Spheres, disks and rectangles are exact and live in the scene's tables.)
+
+/// Triangles over shared vertices. Lists are as long as the positions and indices valid where a reader made it; positions
+/// may still be NaN or infinite, and triangles degenerate.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MeshData {
+    /// Corners.
+    pub positions: Vec<[f32; 3]>,
+    /// A shading normal for each position, of any length.
+    pub normals: Option<Vec<[f32; 3]>>,
+    /// Texture coordinates for each position.
+    pub uvs: Option<Vec<[f32; 2]>>,
+    /// Three places in `positions` each, counter-clockwise seen from the side of the normal.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+impl MeshData {
+    /// The square from (−1, −1, 0) to (1, 1, 0).
+    pub fn rectangle() -> Self {
+        Self {
+            positions: vec![[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]],
+            normals: None,
+            uvs: Some(vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]),
+            triangles: vec![[0, 1, 2], [0, 2, 3]],
+        }
+    }
+
+    /// The cube from (−1, −1, −1) to (1, 1, 1), each face with UVs of its own.
+    pub fn cube() -> Self {
+        let mut mesh = Self { uvs: Some(Vec::new()), ..Self::default() };
+        for axis in 0..3 {
+            for side in [-1.0, 1.0] {
+                let first = mesh.positions.len() as u32;
+                for [a, b] in [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]] {
+                    let mut p = [side; 3];
+                    // Mirroring one axis on the negative side keeps every face counter-clockwise.
+                    (p[(axis + 1) % 3], p[(axis + 2) % 3]) = (a * side, b);
+                    mesh.positions.push(p);
+                    mesh.uvs.get_or_insert_default().push([(a + 1.0) / 2.0, (b + 1.0) / 2.0]);
+                }
+                mesh.triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
+            }
+        }
+        mesh
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+
+    #[test]
+    fn faces_point_outwards() {
+        for mesh in [MeshData::cube(), MeshData::rectangle()] {
+            for t in &mesh.triangles {
+                let [a, b, c] = t.map(|i| Vec3::from(mesh.positions[i as usize]));
+                let (n, centre) = ((b - a).cross(c - a), (a + b + c) / 3.0);
+                assert!(n.dot(if mesh.triangles.len() == 2 { Vec3::Z } else { centre }) > 0.5);
+            }
+        }
+    }
+}

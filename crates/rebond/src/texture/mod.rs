@@ -1,0 +1,92 @@
+//! Images spread over surfaces.
+
+use crate::scene::description::{TextureFilter, Wrap};
+use rebond_lanes::{Index, Real, Record};
+
+/// All textures of a scene, texel after texel.
+#[derive(Clone, Debug, Default)]
+pub struct Textures {
+    texels: Vec<Record>,
+    /// Three records a texture: [start, width, height, flags] (words); [repeat u, repeat v, –, –].
+    table: Vec<Record>,
+}
+
+const CLAMP: u32 = 1;
+const NEAREST: u32 = 2;
+const RECORDS: u32 = 2;
+
+impl Textures {
+    /// Adds an image (linear RGB, row by row from the top) and returns its number.
+    pub fn add(&mut self, size: [u32; 2], texels: &[[f32; 3]], wrap: Wrap, filter: TextureFilter, repeat: [f32; 2]) -> u32 {
+        let number = self.table.len() as u32 / RECORDS;
+        let flags = if wrap == Wrap::Clamp { CLAMP } else { 0 } | if filter == TextureFilter::Nearest { NEAREST } else { 0 };
+        self.table.push(Record::words([self.texels.len() as u32, size[0], size[1], flags]));
+        self.table.push(Record([repeat[0], repeat[1], 0.0, 0.0]));
+        self.texels.extend(texels.iter().map(|t| Record([t[0], t[1], t[2], 0.0])));
+        number
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.table.is_empty()
+    }
+
+    /// Bytes held.
+    pub fn bytes(&self) -> usize {
+        (self.texels.len() + self.table.len()) * size_of::<Record>()
+    }
+
+    /// The colour of a texture at (u, v); (0, 0) is the lower left corner.
+    pub fn eval<F: Real>(&self, texture: F::Index, uv: [F; 2]) -> crate::math::Rgb<F> {
+        let at = texture * F::Index::splat(RECORDS);
+        let [start, width, height, flags] = F::record(&self.table, at).map(F::to_bits);
+        let [repeat_u, repeat_v, ..] = F::record(&self.table, at + F::Index::splat(1));
+        let flag = |f: u32| (flags & F::Index::splat(f)).ne(F::Index::splat(0));
+        let (clamp, nearest) = (flag(CLAMP), flag(NEAREST));
+        let wrap = |x: F| {
+            let repeated = x - x.floor();
+            F::select(clamp, x.clamp(0.0, 1.0), repeated)
+        };
+        let (w, h) = (F::from_index(width), F::from_index(height));
+        // Texel centres are at half-integers; the nearest texel is what a bilinear look-up at its centre gives.
+        let place = |x: F| F::select(nearest, x.floor(), x - 0.5);
+        let (x, y) = (place(wrap(uv[0] * repeat_u) * w), place((F::one() - wrap(uv[1] * repeat_v)) * h));
+        let (x0, y0) = (x.floor(), y.floor());
+        let (fx, fy) = (x - x0, y - y0);
+        let inside = |i: F, n: F| {
+            let around = F::select(i.lt(F::zero()), i + n, F::select(i.ge(n), i - n, i));
+            let edge = i.max(F::zero()).min(n - 1.0);
+            F::select(clamp, edge, around.max(F::zero()).min(n - 1.0)).to_index()
+        };
+        let texel = |x: F, y: F| crate::math::Rgb::of_record(F::record(&self.texels, start + inside(y, h) * width + inside(x, w)));
+        let row = |y: F| texel(x0, y) * (F::one() - fx) + texel(x0 + 1.0, y) * fx;
+        row(y0) * (F::one() - fy) + row(y0 + 1.0) * fy
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rebond_lanes::scalar::Index1;
+
+    #[test]
+    fn texels_are_where_they_belong() {
+        let mut textures = Textures::default();
+        textures.add([1, 1], &[[9.0; 3]], Wrap::Repeat, TextureFilter::Bilinear, [1.0; 2]);
+        // 2×2: top row 0, 1; bottom row 2, 3.
+        let texels = [0.0, 1.0, 2.0, 3.0].map(|x| [x; 3]);
+        let bilinear = textures.add([2, 2], &texels, Wrap::Repeat, TextureFilter::Bilinear, [1.0; 2]);
+        let nearest = textures.add([2, 2], &texels, Wrap::Clamp, TextureFilter::Nearest, [1.0; 2]);
+        let eval = |t: u32, u: f32, v: f32| textures.eval(Index1(t), [u, v]).r;
+        for t in [bilinear, nearest] {
+            assert_eq!([eval(t, 0.25, 0.75), eval(t, 0.75, 0.75), eval(t, 0.25, 0.25), eval(t, 0.75, 0.25)], [0.0, 1.0, 2.0, 3.0]);
+        }
+        assert_eq!(eval(bilinear, 0.5, 0.5), 1.5);
+        assert_eq!(eval(bilinear, 0.0, 0.25), 2.5, "repeats from the other edge");
+        assert_eq!((eval(nearest, -3.0, 0.9), eval(nearest, 7.0, -1.0)), (0.0, 3.0));
+        assert_eq!(eval(0, 0.3, -12.7), 9.0);
+        for u in [f32::NAN, f32::INFINITY, 1e30, -1e30] {
+            let _ = eval(bilinear, u, u);
+        }
+    }
+}
