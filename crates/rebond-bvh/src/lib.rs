@@ -18,12 +18,13 @@
 //!
 //! A file is one idea: [`Accel`] (accel.rs) holds trees (tree.rs) of eight-wide nodes (node.rs) over blocks of
 //! triangles (triangle.rs) and other shapes (shape.rs), made by `build/`. query.rs takes rays to them: one at a time
-//! (ray.rs, single.rs), through instances (instance.rs) or straight.
+//! (ray.rs, single.rs) or sixteen (packet.rs), through instances (instance.rs) or straight.
 
 mod accel;
 mod build;
 mod instance;
 mod node;
+mod packet;
 mod query;
 mod ray;
 mod shape;
@@ -121,6 +122,8 @@ impl Trace for F32x16 {}
 
 /// Says which hits count: a texture with holes, a surface that some rays do not see.
 pub trait Filter: Sync {
+    /// Whether it keeps every hit, so that it need not be asked.
+    const KEEPS_ALL: bool = false;
     /// Whether the ray stops at this point of a primitive. `u` and `v` are a triangle's barycentric coordinates as in
     /// [`Hit`], 0 for other primitives. Called for any candidate on the way, in no order, more than once for some.
     fn keep(&self, primitive: u32, instance: u32, u: f32, v: f32) -> bool;
@@ -131,6 +134,7 @@ pub trait Filter: Sync {
 pub struct Everything;
 
 impl Filter for Everything {
+    const KEEPS_ALL: bool = true;
     #[inline(always)]
     fn keep(&self, _: u32, _: u32, _: f32, _: f32) -> bool {
         true

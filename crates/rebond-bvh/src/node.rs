@@ -26,7 +26,7 @@ impl Node {
         children: [Child(0); 8],
     };
 
-    /// Which children the ray may enter before `limit`, and where it enters each.
+    /// Which children the ray may enter up to `limit`, a t times [`ONE_PLUS`], and where it enters each.
     ///
     /// Never false for a box that holds a hit: see [`SingleRay`].
     #[inline(always)]
@@ -39,9 +39,9 @@ impl Node {
         let near =
             |k: usize| plane(ray.near_plane()[k]).mul_add(S::F8::splat(ray.inverse[k]), S::F8::splat(ray.near[k]));
         let far =
-            |k: usize| plane(ray.near_plane()[k] ^ 1).mul_add(S::F8::splat(ray.inverse[k]), S::F8::splat(ray.far[k]));
+            |k: usize| plane(ray.near_plane()[k] ^ 1).mul_add(S::F8::splat(ray.inverse_far[k]), S::F8::splat(ray.far[k]));
         let enter = near(0).max(near(1)).max(near(2).max(S::F8::splat(0.0)));
-        let leave = far(0).min(far(1)).min(far(2)).mul(S::F8::splat(ONE_PLUS)).min(limit);
+        let leave = far(0).min(far(1)).min(far(2).min(limit));
         (enter.le(leave), enter)
     }
 }

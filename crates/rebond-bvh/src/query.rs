@@ -2,13 +2,14 @@
 
 use crate::accel::{Accel, World};
 use crate::instance::transform;
-use crate::ray::{Best, SingleRay, lane, no_hit};
+use crate::packet::{self, Packet};
+use crate::ray::{Best, SingleRay, no_hit};
 use crate::shape::Shape;
 use crate::simd::{Native, Simd};
 use crate::single::{self, Shapes, Solid};
 use crate::tree::Tree;
 use crate::{Filter, Hit, MISS, Ray};
-use rebond_lanes::{F32x16, Index, Mask, Real};
+use rebond_lanes::{F32x16, Index, Mask, Mask16, Real};
 
 /// What [`Accel`] forwards its calls to.
 pub trait Query: Real {
@@ -37,33 +38,99 @@ impl Query for f32 {
 }
 
 impl Query for F32x16 {
-    fn closest<K: Filter>(accel: &Accel, ray: &Ray<Self>, mask: Self::Mask, _: bool, filter: &K) -> Hit<Self> {
-        let mut hit = no_hit(ray.tmax);
-        let mut bits = mask.bits();
-        while bits != 0 {
-            let i = bits.trailing_zeros() as usize;
-            bits &= bits - 1;
-            let best = closest::<Native, K>(accel, &lane(ray, i), filter);
-            if best.primitive != MISS {
-                hit.t = hit.t.with_lane(i, best.t);
-                hit.u = hit.u.with_lane(i, best.u);
-                hit.v = hit.v.with_lane(i, best.v);
-                hit.primitive = hit.primitive.with_lane(i, best.primitive);
-                hit.instance = hit.instance.with_lane(i, best.instance);
+    fn closest<K: Filter>(accel: &Accel, ray: &Ray<Self>, mask: Mask16, coherent: bool, filter: &K) -> Hit<Self> {
+        if let World::One { tree, instance } = accel.world {
+            let tree = &accel.trees[tree];
+            if tree.is_tiny() {
+                let (packet, fit, unusual) = Packet::new(ray, mask, tree.extent);
+                let mut hit = packet::scan_closest(tree, &packet, fit, instance, filter).hit(instance);
+                each_closest(accel, ray, unusual, filter, &mut hit);
+                return hit;
+            }
+            if coherent || tree.is_small() {
+                let (mut packet, fit, unusual) = Packet::new(ray, mask, tree.extent);
+                let found = if tree.large {
+                    packet::closest::<Native, true, K>(tree, &mut packet, fit, instance, filter)
+                } else {
+                    packet::closest::<Native, false, K>(tree, &mut packet, fit, instance, filter)
+                };
+                let mut hit = found.hit(instance);
+                each_closest(accel, ray, unusual, filter, &mut hit);
+                return hit;
             }
         }
+        let mut hit = no_hit(ray.tmax);
+        each_closest(accel, ray, mask, filter, &mut hit);
         hit
     }
-    fn occluded<K: Filter>(accel: &Accel, ray: &Ray<Self>, mask: Self::Mask, filter: &K) -> Self::Mask {
-        let mut bits = mask.bits();
-        let mut hit = 0;
-        while bits != 0 {
-            let i = bits.trailing_zeros() as usize;
-            bits &= bits - 1;
-            hit |= u32::from(occluded::<Native, K>(accel, &lane(ray, i), filter)) << i;
+
+    fn occluded<K: Filter>(accel: &Accel, ray: &Ray<Self>, mask: Mask16, filter: &K) -> Mask16 {
+        if let World::One { tree, instance } = accel.world {
+            let tree = &accel.trees[tree];
+            if tree.is_tiny() {
+                let (packet, fit, unusual) = Packet::new(ray, mask, tree.extent);
+                let hit = packet::scan_occluded(tree, &packet, fit, instance, filter);
+                return if unusual.any() { hit | each_occluded(accel, ray, unusual, filter) } else { hit };
+            }
+            if tree.is_small() {
+                let (mut packet, fit, unusual) = Packet::new(ray, mask, tree.extent);
+                let hit = packet::occluded::<Native, false, K>(tree, &mut packet, fit, instance, filter);
+                return if unusual.any() { hit | each_occluded(accel, ray, unusual, filter) } else { hit };
+            }
         }
-        Mask::from_bits(hit)
+        each_occluded(accel, ray, mask, filter)
     }
+}
+
+/// The lanes of `mask`, one by one.
+#[inline]
+fn each_closest<K: Filter>(accel: &Accel, ray: &Ray<F32x16>, mask: Mask16, filter: &K, hit: &mut Hit<F32x16>) {
+    let mut bits = mask.bits();
+    if bits == 0 {
+        return;
+    }
+    let (mut t, mut u, mut v) = (store(hit.t), store(hit.u), store(hit.v));
+    let mut primitive = store(F32x16::from_bits(hit.primitive)).map(f32::to_bits);
+    let mut instance = store(F32x16::from_bits(hit.instance)).map(f32::to_bits);
+    let o = ray.o.map(store);
+    let d = ray.d.map(store);
+    let (tmax, time) = (store(ray.tmax), store(ray.time));
+    while bits != 0 {
+        let i = bits.trailing_zeros() as usize & 15;
+        bits &= bits - 1;
+        let one = Ray { o: o.map(|x| x[i]), d: d.map(|x| x[i]), tmax: tmax[i], time: time[i] };
+        let best = closest::<Native, K>(accel, &one, filter);
+        if best.primitive != MISS {
+            (t[i], u[i], v[i]) = (best.t, best.u, best.v);
+            (primitive[i], instance[i]) = (best.primitive, best.instance);
+        }
+    }
+    (hit.t, hit.u, hit.v) = (F32x16::load(&t), F32x16::load(&u), F32x16::load(&v));
+    hit.primitive = F32x16::load(&primitive.map(f32::from_bits)).to_bits();
+    hit.instance = F32x16::load(&instance.map(f32::from_bits)).to_bits();
+}
+
+#[inline]
+fn each_occluded<K: Filter>(accel: &Accel, ray: &Ray<F32x16>, mask: Mask16, filter: &K) -> Mask16 {
+    let o = ray.o.map(store);
+    let d = ray.d.map(store);
+    let (tmax, time) = (store(ray.tmax), store(ray.time));
+    let mut bits = mask.bits();
+    let mut hit = 0;
+    while bits != 0 {
+        let i = bits.trailing_zeros() as usize & 15;
+        bits &= bits - 1;
+        let one = Ray { o: o.map(|x| x[i]), d: d.map(|x| x[i]), tmax: tmax[i], time: time[i] };
+        hit |= u32::from(occluded::<Native, K>(accel, &one, filter)) << i;
+    }
+    Mask::from_bits(hit)
+}
+
+#[inline(always)]
+fn store(x: F32x16) -> [f32; 16] {
+    let mut out = [0.0; 16];
+    x.store(&mut out);
+    out
 }
 
 /// The nearest hit of one ray.
@@ -119,31 +186,39 @@ fn closest_in<S: Simd, K: Filter>(
     best: &mut Best,
 ) {
     let Some(root) = tree.root() else { return };
-    let Some((ray, scale)) = SingleRay::new(o, d, tree.extent) else { return };
-    if scale == 1.0 && !ray.huge {
+    if let Some(sizes) = SingleRay::sizes(o, d, tree.extent) {
+        let ray = SingleRay::usual(o, d, sizes);
         if tree.large {
             single::closest::<S, true, K>(tree, root, &ray, instance, filter, shapes, best);
         } else {
             single::closest::<S, false, K>(tree, root, &ray, instance, filter, shapes, best);
         }
     } else {
-        unusual(scale, best, |best| {
-            if ray.huge {
-                tree.scan(&ray, instance, filter, shapes, best);
-            } else {
-                single::closest::<S, false, K>(tree, root, &ray, instance, filter, shapes, best);
-            }
-        });
+        unusual::<S, K>(tree, o, d, instance, filter, shapes, best);
     }
 }
 
-/// Runs a query whose `t` is to be multiplied by `scale`.
+/// The same for directions that are scaled and for scenes beyond the boxes' arithmetic.
 #[cold]
-fn unusual(scale: f64, best: &mut Best, query: impl FnOnce(&mut Best)) {
+#[inline(never)]
+fn unusual<S: Simd, K: Filter>(
+    tree: &Tree,
+    o: [f32; 3],
+    d: [f32; 3],
+    instance: u32,
+    filter: &K,
+    shapes: &impl Shapes,
+    best: &mut Best,
+) {
+    let (Some(root), Some((ray, scale))) = (tree.root(), SingleRay::unusual(o, d, tree.extent)) else { return };
     let mut scaled = *best;
     scaled.t = (f64::from(best.t) / scale) as f32;
     let before = (scaled.t, scaled.primitive, scaled.instance);
-    query(&mut scaled);
+    if ray.huge {
+        tree.scan(&ray, instance, filter, shapes, &mut scaled);
+    } else {
+        single::closest::<S, false, K>(tree, root, &ray, instance, filter, shapes, &mut scaled);
+    }
     if before != (scaled.t, scaled.primitive, scaled.instance) {
         scaled.t = (f64::from(scaled.t) * scale) as f32;
         if scaled.t.is_finite() && scaled.t <= best.t {
@@ -163,8 +238,8 @@ fn occluded_in<S: Simd, K: Filter>(
     tmax: f32,
 ) -> bool {
     let Some(root) = tree.root() else { return false };
-    let Some((ray, scale)) = SingleRay::new(o, d, tree.extent) else { return false };
-    if scale == 1.0 && !ray.huge {
+    if let Some(sizes) = SingleRay::sizes(o, d, tree.extent) {
+        let ray = SingleRay::usual(o, d, sizes);
         if tree.large {
             single::occluded::<S, true, K>(tree, root, &ray, instance, filter, shapes, tmax)
         } else {
@@ -172,7 +247,7 @@ fn occluded_in<S: Simd, K: Filter>(
         }
     } else {
         let mut best = Best::up_to(tmax);
-        closest_in::<S, K>(tree, o, d, instance, filter, shapes, &mut best);
+        unusual::<S, K>(tree, o, d, instance, filter, shapes, &mut best);
         best.primitive != MISS
     }
 }

@@ -1,15 +1,16 @@
 //! One ray, prepared for boxes and triangles.
 
-use crate::{MISS, Ray};
+use crate::node::ONE_PLUS;
+use crate::MISS;
 use rebond_lanes::{Index, Real};
 
 /// A ray as the kernels want it.
 ///
-/// A box is entered along axis k at `plane · inverse + near` and left at `plane · inverse + far`. The two constants
+/// A box is entered along axis k at `plane · inverse + near` and left at `plane · inverse_far + far`. The constants
 /// are −o/d moved apart by a bound on every rounding error there is: that of o/d, of the planes' product, and of the
 /// triangle test's shear (Woop, Benthin, Wald 2013, section 3.3, which see). So a box is never missed when the
 /// triangle test would find a hit in it. What error remains is relative, and [`ONE_PLUS`](crate::node::ONE_PLUS)
-/// covers it (Ize 2013).
+/// covers it (Ize 2013): it is part of the far constants.
 ///
 /// A triangle is seen in the frame of the ray: `axes` puts the largest component of d last, and `shear` moves it onto
 /// that axis.
@@ -19,6 +20,8 @@ pub(crate) struct SingleRay {
     pub d: [f32; 3],
     pub inverse: [f32; 3],
     pub near: [f32; 3],
+    /// `inverse` times [`ONE_PLUS`].
+    pub inverse_far: [f32; 3],
     pub far: [f32; 3],
     /// Row of [`Node::planes`](crate::node::Node::planes) that is entered first, for each axis.
     near_plane: [usize; 3],
@@ -35,13 +38,14 @@ pub(crate) struct SingleRay {
 const HUGE: f32 = (1_u64 << 60) as f32;
 /// Largest components of d that need no scaling lie between 1/this and this.
 const FAR: f32 = (1_u64 << 20) as f32;
-/// Components of d below this part of the largest are raised to it for the boxes.
-const FLAT: f32 = 1.0 / (1_u64 << 40) as f32;
-
-/// 2⁻²¹ · (|o| + |scene|) bounds the error of position that the boxes allow for.
-const POSITION_ERROR: f32 = 4.0 * f32::EPSILON;
 
 impl SingleRay {
+    /// Components of d below this part of the largest are raised to it for the boxes.
+    pub const FLAT: f32 = 1.0 / (1_u64 << 40) as f32;
+    /// This times |o| + |scene| bounds the error of position that the boxes allow for. In units of half an ulp: 4 for a
+    /// corner's shear along each of its two axes, and 2 to 4 for the products and the constants of the box's planes.
+    pub const POSITION_ERROR: f32 = 6.0 * f32::EPSILON;
+
     /// Row of the node's planes that is entered first, for each axis: 2k or 2k + 1 for axis k.
     #[inline(always)]
     pub fn near_plane(&self) -> [usize; 3] {
@@ -52,29 +56,41 @@ impl SingleRay {
     pub fn axes(&self) -> [usize; 3] {
         self.axes
     }
-    /// The ray, and what its `t` is to be multiplied by; none if nothing can be hit: NaN, infinite, zero direction.
-    /// `extent` is the largest absolute coordinate of what is to be hit.
+    /// Which rays [`SingleRay::usual`] is right for, the largest component of d, and that of o plus `extent`, which is
+    /// the largest absolute coordinate of what is to be hit.
     #[inline(always)]
-    pub fn new(o: [f32; 3], d: [f32; 3], extent: f32) -> Option<(Self, f64)> {
-        let size = d.map(f32::abs);
-        let largest = if size[0] > size[1] { size[0] } else { size[1] };
-        let largest = if size[2] > largest { size[2] } else { largest };
-        let far = o.map(f32::abs);
-        let farthest = if far[0] > far[1] { far[0] } else { far[1] };
-        let farthest = if far[2] > farthest { far[2] } else { farthest };
+    pub fn sizes_of<F: Real>(o: [F; 3], d: [F; 3], extent: f32) -> (F::Mask, F, F) {
+        let [x, y, z] = d.map(F::abs);
+        let largest = z.max(x.max(y));
+        let [x, y, z] = o.map(F::abs);
+        let reach = z.max(x.max(y)) + extent;
         // Each comparison is false for NaN; one that hid in the maxima shows in the sums.
-        let sane = largest <= FAR && largest >= 1.0 / FAR && farthest + extent <= HUGE;
         let sum = (o[0] + o[1] + o[2]) + (d[0] + d[1] + d[2]);
-        if sane && sum < f32::INFINITY {
-            return Some((Self::prepared(o, d, size, largest, farthest + extent, false), 1.0));
-        }
-        Self::unusual(o, d, extent)
+        let fit = largest.le(F::splat(FAR))
+            & largest.ge(F::splat(1.0 / FAR))
+            & reach.le(F::splat(HUGE))
+            & sum.lt(F::splat(f32::INFINITY));
+        (fit, largest, reach)
     }
 
+    /// The same for one ray; none if it does not fit.
+    #[inline(always)]
+    pub fn sizes(o: [f32; 3], d: [f32; 3], extent: f32) -> Option<(f32, f32)> {
+        let (fit, largest, reach) = Self::sizes_of(o, d, extent);
+        fit.then_some((largest, reach))
+    }
+
+    /// The ray, its sizes being known.
+    #[inline(always)]
+    pub fn usual(o: [f32; 3], d: [f32; 3], (largest, reach): (f32, f32)) -> Self {
+        Self::prepared(o, d, d.map(f32::abs), largest, reach, false)
+    }
+
+    /// Any ray, and what its `t` is to be multiplied by; none if nothing can be hit: NaN, infinite or no direction.
     /// Directions that are very long or short are scaled by a power of two.
     #[cold]
     #[inline(never)]
-    fn unusual(o: [f32; 3], d: [f32; 3], extent: f32) -> Option<(Self, f64)> {
+    pub fn unusual(o: [f32; 3], d: [f32; 3], extent: f32) -> Option<(Self, f64)> {
         let size = d.map(f32::abs);
         let largest = size[0].max(size[1]).max(size[2]);
         let finite = o.iter().chain(&d).all(|x| x.is_finite());
@@ -99,13 +115,14 @@ impl SingleRay {
             2
         };
         let axes: [usize; 3] = [[1, 2, 0], [2, 0, 1], [0, 1, 2]][z];
-        let least = largest * FLAT;
-        let error = POSITION_ERROR * reach;
+        let least = largest * Self::FLAT;
+        let error = Self::POSITION_ERROR * reach;
         let mut ray = Self {
             o,
             d,
             inverse: [0.0; 3],
             near: [0.0; 3],
+            inverse_far: [0.0; 3],
             far: [0.0; 3],
             near_plane: [0; 3],
             axes,
@@ -121,7 +138,8 @@ impl SingleRay {
             let center = -(o[k] * signed);
             ray.inverse[k] = signed;
             ray.near[k] = center - error * inverse;
-            ray.far[k] = center + error * inverse;
+            ray.inverse_far[k] = signed * ONE_PLUS;
+            ray.far[k] = (center + error * inverse) * ONE_PLUS;
             ray.near_plane[k] = 2 * k + (sign >> 31) as usize;
         }
         // The component is at least `least`, so this is 1/d[z] as above.
@@ -152,17 +170,6 @@ impl Best {
     #[inline(always)]
     pub fn yields_to(&self, t: f32, primitive: u32, instance: u32) -> bool {
         t > 0.0 && (t < self.t || t == self.t && (instance, primitive) < (self.instance, self.primitive))
-    }
-}
-
-/// Lane `lane` of a ray: o, d, tmax, time.
-#[inline(always)]
-pub(crate) fn lane<F: Real>(ray: &Ray<F>, lane: usize) -> Ray<f32> {
-    Ray {
-        o: ray.o.map(|x| x.lane(lane)),
-        d: ray.d.map(|x| x.lane(lane)),
-        tmax: ray.tmax.lane(lane),
-        time: ray.time.lane(lane),
     }
 }
 

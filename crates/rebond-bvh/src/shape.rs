@@ -99,6 +99,15 @@ impl Shape {
         }
     }
 
+    /// A ball around it.
+    pub(crate) fn ball(&self) -> Option<([f32; 3], f32)> {
+        match self {
+            Self::Sphere(sphere, _) => Some((sphere.center, sphere.radius)),
+            Self::Disk(disk, _) => Some((disk.center, disk.radius)),
+            Self::Instance(_) => None,
+        }
+    }
+
     pub(crate) fn primitive(&self) -> u32 {
         match *self {
             Self::Sphere(_, primitive) | Self::Disk(_, primitive) => primitive,

@@ -40,42 +40,29 @@ impl<K: Filter> Shapes for Solid<'_, K> {
     }
 }
 
-/// Children yet to be visited.
-struct Stack<T> {
-    places: [MaybeUninit<T>; STACK],
-    len: usize,
+/// Room for children yet to be visited.
+type Places<T> = [MaybeUninit<T>; STACK];
+
+/// Puts `x` on the stack.
+///
+/// # Safety
+/// `len` < [`STACK`].
+#[inline(always)]
+unsafe fn push<T>(places: &mut Places<T>, len: &mut usize, x: T) {
+    debug_assert!(*len < STACK);
+    // SAFETY: the caller's promise.
+    unsafe { places.get_unchecked_mut(*len) }.write(x);
+    *len += 1;
 }
 
-impl<T: Copy> Stack<T> {
-    #[inline(always)]
-    fn new() -> Self {
-        Self { places: [const { MaybeUninit::uninit() }; STACK], len: 0 }
-    }
-    /// # Safety
-    /// Fewer than [`STACK`] are on it.
-    #[inline(always)]
-    unsafe fn push(&mut self, x: T) {
-        debug_assert!(self.len < STACK);
-        // SAFETY: the caller's promise.
-        unsafe { self.places.get_unchecked_mut(self.len) }.write(x);
-        self.len += 1;
-    }
-    #[inline(always)]
-    fn pop(&mut self) -> Option<T> {
-        self.len = self.len.checked_sub(1)?;
-        // SAFETY: `len` was within the array, and everything below it has been written.
-        Some(unsafe { self.places.get_unchecked(self.len).assume_init() })
-    }
-    /// The last `n`.
-    ///
-    /// # Safety
-    /// At least `n` are on it.
-    #[inline(always)]
-    unsafe fn last(&mut self, n: usize) -> &mut [T] {
-        debug_assert!(n <= self.len);
-        // SAFETY: these places are within the array and have been written; MaybeUninit<T> is laid out as T.
-        unsafe { std::slice::from_raw_parts_mut(self.places.as_mut_ptr().add(self.len - n).cast(), n) }
-    }
+/// Element `i`.
+///
+/// # Safety
+/// It was pushed.
+#[inline(always)]
+unsafe fn at<T: Copy>(places: &Places<T>, i: usize) -> T {
+    // SAFETY: the caller's promise.
+    unsafe { places.get_unchecked(i).assume_init() }
 }
 
 /// A child and where the ray enters it; ordered by that.
@@ -86,7 +73,7 @@ fn key(enter: f32, child: Child) -> u64 {
 
 /// Asks for the first cache lines of a child.
 #[inline(always)]
-fn prefetch(tree: &Tree, child: Child) {
+pub(crate) fn prefetch(tree: &Tree, child: Child) {
     #[cfg(target_arch = "x86_64")]
     {
         use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
@@ -115,7 +102,8 @@ pub(crate) fn closest<S: Simd, const PREFETCH: bool, K: Filter>(
     shapes: &impl Shapes,
     best: &mut Best,
 ) {
-    let mut stack = Stack::<u64>::new();
+    let mut places: Places<u64> = [const { MaybeUninit::uninit() }; STACK];
+    let mut len = 0;
     let mut current = start;
     let mut limit = best.t * ONE_PLUS;
     loop {
@@ -144,7 +132,7 @@ pub(crate) fn closest<S: Simd, const PREFETCH: bool, K: Filter>(
                     let (mut near, mut far) = (first.min(second), first.max(second));
                     if rest == 0 {
                         // SAFETY: `Tree::new` has checked that the stack is large enough for all pushes on the way.
-                        unsafe { stack.push(far) };
+                        unsafe { push(&mut places, &mut len, far) };
                         current = Child(near as u32);
                         continue;
                     }
@@ -156,34 +144,33 @@ pub(crate) fn closest<S: Simd, const PREFETCH: bool, K: Filter>(
                     if rest == 0 {
                         // SAFETY: as above.
                         unsafe {
-                            stack.push(far);
-                            stack.push(second);
+                            push(&mut places, &mut len, far);
+                            push(&mut places, &mut len, second);
                         }
                         current = Child(near as u32);
                         continue;
                     }
                     // SAFETY: as above.
                     unsafe {
-                        stack.push(far);
-                        stack.push(second);
-                        stack.push(near);
+                        push(&mut places, &mut len, far);
+                        push(&mut places, &mut len, second);
+                        push(&mut places, &mut len, near);
                     }
-                    let mut n = 3;
+                    let bottom = len - 3;
                     let mut rest = rest;
                     while rest != 0 {
                         let (x, left) = next();
                         rest = left;
-                        // SAFETY: as above.
-                        unsafe { stack.push(x) };
-                        n += 1;
-                        // SAFETY: these `n` were pushed.
-                        let sorted = unsafe { stack.last(n) };
-                        let mut i = n - 1;
-                        while i > 0 && sorted[i - 1] < x {
-                            sorted[i] = sorted[i - 1];
-                            i -= 1;
+                        let mut i = len;
+                        // SAFETY: places from `bottom` to `len` were pushed, and there is room for one more, as above.
+                        unsafe {
+                            push(&mut places, &mut len, x);
+                            while i > bottom && at(&places, i - 1) < x {
+                                *places.get_unchecked_mut(i) = *places.get_unchecked(i - 1);
+                                i -= 1;
+                            }
+                            places.get_unchecked_mut(i).write(x);
                         }
-                        sorted[i] = x;
                     }
                 }
             }
@@ -201,7 +188,12 @@ pub(crate) fn closest<S: Simd, const PREFETCH: bool, K: Filter>(
             }
         }
         loop {
-            let Some(key) = stack.pop() else { return };
+            if len == 0 {
+                return;
+            }
+            len -= 1;
+            // SAFETY: everything below `len` was pushed.
+            let key = unsafe { at(&places, len) };
             if f32::from_bits((key >> 32) as u32) <= limit {
                 current = Child(key as u32);
                 break;
@@ -221,7 +213,8 @@ pub(crate) fn occluded<S: Simd, const PREFETCH: bool, K: Filter>(
     shapes: &impl Shapes,
     tmax: f32,
 ) -> bool {
-    let mut stack = Stack::<u32>::new();
+    let mut places: Places<u32> = [const { MaybeUninit::uninit() }; STACK];
+    let mut len = 0;
     let mut current = start;
     let limit = tmax * ONE_PLUS;
     loop {
@@ -233,8 +226,8 @@ pub(crate) fn occluded<S: Simd, const PREFETCH: bool, K: Filter>(
                 let children = S::compress(&node.children.map(|child| child.0), mask);
                 // SAFETY: `Tree::new` has checked that the stack is large enough for all pushes on the way and eight
                 // more.
-                unsafe { stack.places.as_mut_ptr().add(stack.len).cast::<[u32; 8]>().write_unaligned(children) };
-                stack.len += mask.count_ones() as usize;
+                unsafe { places.as_mut_ptr().add(len).cast::<[u32; 8]>().write_unaligned(children) };
+                len += mask.count_ones() as usize;
                 if PREFETCH {
                     for &child in &children[..mask.count_ones() as usize] {
                         prefetch(tree, Child(child));
@@ -256,7 +249,11 @@ pub(crate) fn occluded<S: Simd, const PREFETCH: bool, K: Filter>(
                 }
             }
         }
-        let Some(child) = stack.pop() else { return false };
-        current = Child(child);
+        if len == 0 {
+            return false;
+        }
+        len -= 1;
+        // SAFETY: everything below `len` was pushed.
+        current = Child(unsafe { at(&places, len) });
     }
 }

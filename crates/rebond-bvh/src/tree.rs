@@ -17,6 +17,8 @@ pub(crate) struct Tree {
     blocks: Vec<Block>,
     shapes: Vec<Shape>,
     root: Option<Child>,
+    /// All triangles again, by number, if they are few.
+    triangles: Vec<Triangle>,
     /// Bounds of everything; lower above upper if there is nothing.
     pub bounds: ([f32; 3], [f32; 3]),
     /// Largest absolute coordinate of the bounds.
@@ -26,6 +28,16 @@ pub(crate) struct Tree {
 }
 
 pub(crate) const NO_BOUNDS: ([f32; 3], [f32; 3]) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+
+/// Corners and number.
+type Triangle = ([[f32; 3]; 3], u32);
+
+/// Up to so many triangles and shapes, sixteen rays look at all of them.
+const FEW: usize = 64;
+const FEW_SHAPES: usize = 8;
+
+/// Packets are kept for rays of any kind in trees of fewer bytes than this.
+const SMALL: usize = 32 << 10;
 
 /// Trees of more bytes than this fetch children ahead.
 const LARGE: usize = 4 << 20;
@@ -38,6 +50,7 @@ impl Tree {
             blocks: Vec::new(),
             shapes: Vec::new(),
             root: None,
+            triangles: Vec::new(),
             bounds: NO_BOUNDS,
             extent: 0.0,
             large: false,
@@ -82,13 +95,35 @@ impl Tree {
             return None;
         }
         let extent = bounds.0.iter().chain(&bounds.1).fold(0.0, |m: f32, x| m.max(x.abs()));
-        let mut tree = Self { nodes, blocks, shapes, root: Some(root), bounds, extent, large: false };
+        let mut tree =
+            Self { nodes, blocks, shapes, root: Some(root), triangles: Vec::new(), bounds, extent, large: false };
+        if tree.blocks.len() <= FEW && tree.shapes.len() <= FEW_SHAPES {
+            let each = |block: &Block| std::array::from_fn::<_, 4, _>(|i| (block.corners(i), block.primitive[i]));
+            let mut triangles: Vec<Triangle> = tree.blocks.iter().flat_map(each).collect();
+            triangles.sort_unstable_by_key(|t| t.1);
+            triangles.dedup_by_key(|t| t.1);
+            if triangles.len() <= FEW {
+                tree.triangles = triangles;
+            }
+        }
         tree.large = tree.bytes() > LARGE;
         Some(tree)
     }
 
     pub fn bytes(&self) -> usize {
         size_of_val(&*self.nodes) + size_of_val(&*self.blocks) + size_of_val(&*self.shapes)
+    }
+    /// All triangles, if every primitive is either one of these or one of the few shapes.
+    pub fn triangles(&self) -> &[Triangle] {
+        &self.triangles
+    }
+    /// Whether sixteen rays had better look at everything.
+    pub fn is_tiny(&self) -> bool {
+        self.shapes.len() <= FEW_SHAPES && (self.blocks.is_empty() || !self.triangles.is_empty())
+    }
+    /// Whether sixteen rays had better stay together even if they go different ways.
+    pub fn is_small(&self) -> bool {
+        self.bytes() < SMALL
     }
     pub fn nodes(&self) -> &[Node] {
         &self.nodes

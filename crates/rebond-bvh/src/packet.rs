@@ -1,0 +1,529 @@
+//! Sixteen rays at once: through the tree as long as enough of them stay together, or straight over all triangles.
+//!
+//! Whatever the path, a ray meets a triangle by the same arithmetic as in triangle.rs, to the bit; only the order of
+//! the axes across the ray may differ, which changes no more than the sign that all edge functions share.
+
+use crate::node::{Child, Node, ONE_PLUS, Target};
+use crate::ray::{Best, SingleRay};
+use crate::shape::Shape;
+use crate::simd::Simd;
+use crate::single::{self, STACK, Shapes, Solid};
+use crate::tree::Tree;
+use crate::triangle::exact;
+use crate::{Filter, Hit, MISS, Ray};
+use rebond_lanes::{F32x16, Index, Index16, Mask, Mask16, Real};
+use std::mem::MaybeUninit;
+
+/// With fewer rays than this in a subtree, each goes on by itself.
+const TOGETHER: u32 = 4;
+
+/// Sixteen rays, prepared as [`SingleRay`] is.
+pub(crate) struct Packet<'a> {
+    ray: &'a Ray<F32x16>,
+    /// The lanes whose largest direction component is x, and z.
+    along_x: Mask16,
+    along_z: Mask16,
+    /// −shear[0], −shear[1], shear[2].
+    shear: [F32x16; 3],
+    inverse: [F32x16; 3],
+    near: [F32x16; 3],
+    far: [F32x16; 3],
+    /// The lanes that go down each axis.
+    down: [Mask16; 3],
+    largest: F32x16,
+    reach: F32x16,
+}
+
+/// What sixteen rays found.
+pub(crate) struct Bests {
+    pub t: F32x16,
+    pub u: F32x16,
+    pub v: F32x16,
+    pub primitive: Index16,
+}
+
+impl Bests {
+    fn up_to(tmax: F32x16) -> Self {
+        Self { t: tmax, u: F32x16::zero(), v: F32x16::zero(), primitive: Index16::splat(MISS) }
+    }
+    /// What one lane found, to go on from.
+    fn lane(&self, lane: usize, instance: u32) -> Best {
+        let primitive = self.primitive.lane(lane);
+        let instance = if primitive == MISS { MISS } else { instance };
+        Best { t: self.t.lane(lane), u: self.u.lane(lane), v: self.v.lane(lane), primitive, instance }
+    }
+    fn set(&mut self, lane: usize, best: &Best) {
+        self.t = self.t.with_lane(lane, best.t);
+        self.u = self.u.with_lane(lane, best.u);
+        self.v = self.v.with_lane(lane, best.v);
+        self.primitive = self.primitive.with_lane(lane, best.primitive);
+    }
+    pub fn hit(self, instance: u32) -> Hit<F32x16> {
+        let missed = self.primitive.eq(Index16::splat(MISS));
+        Hit {
+            t: self.t,
+            u: self.u,
+            v: self.v,
+            primitive: self.primitive,
+            instance: Index16::select(missed, Index16::splat(MISS), Index16::splat(instance)),
+        }
+    }
+}
+
+/// Candidate hits of one triangle.
+struct Candidates {
+    hit: Mask16,
+    t: F32x16,
+    u: F32x16,
+    v: F32x16,
+}
+
+impl<'a> Packet<'a> {
+    /// The packet, and the lanes of `mask` that can be traced in it; the others want [`SingleRay::unusual`]. Lanes that
+    /// can hit nothing at all are in neither.
+    #[inline(always)]
+    pub fn new(ray: &'a Ray<F32x16>, mask: Mask16, extent: f32) -> (Self, Mask16, Mask16) {
+        let (fit, largest, reach) = SingleRay::sizes_of(ray.o, ray.d, extent);
+        let open = mask & ray.tmax.ge(F32x16::zero());
+        let [x, y, z] = ray.d;
+        let along_x = x.abs().eq(largest);
+        let along_y = y.abs().eq(largest).and_not(along_x);
+        let along_z = !(along_x | along_y);
+        let choose = |x, y, z| F32x16::select(along_x, x, F32x16::select(along_z, z, y));
+        let inverse = F32x16::one() / choose(x, y, z);
+        let p = F32x16::select(along_x, y, x);
+        let q = F32x16::select(along_z, y, z);
+        let zero = [F32x16::zero(); 3];
+        let packet = Self {
+            ray,
+            along_x,
+            along_z,
+            shear: [-(p * inverse), -(q * inverse), inverse],
+            inverse: zero,
+            near: zero,
+            far: zero,
+            down: [Mask16::splat(false); 3],
+            largest,
+            reach,
+        };
+        (packet, open & fit, open.and_not(fit))
+    }
+
+    /// What the boxes need.
+    #[inline(always)]
+    fn prepare_boxes(&mut self) {
+        let least = self.largest * SingleRay::FLAT;
+        let error = self.reach * SingleRay::POSITION_ERROR;
+        let sign = Index16::splat(0x8000_0000);
+        for k in 0..3 {
+            let d = self.ray.d[k];
+            let inverse = F32x16::one() / d.abs().max(least);
+            let signed = inverse.copy_sign(d);
+            let center = -(self.ray.o[k] * signed);
+            self.inverse[k] = signed;
+            self.near[k] = center - error * inverse;
+            self.far[k] = center + error * inverse;
+            self.down[k] = (d.to_bits() & sign).eq(sign);
+        }
+    }
+
+    /// One corner in the rays' frames.
+    #[inline(always)]
+    fn corner(&self, p: [f32; 3]) -> [F32x16; 3] {
+        let [x, y, z]: [F32x16; 3] = std::array::from_fn(|k| F32x16::splat(p[k]) - self.ray.o[k]);
+        let p = F32x16::select(self.along_x, y, x);
+        let q = F32x16::select(self.along_z, y, z);
+        let r = F32x16::select(self.along_x, x, F32x16::select(self.along_z, z, y));
+        [self.shear[0].mul_add(r, p), self.shear[1].mul_add(r, q), r]
+    }
+
+    /// The lanes that hit a triangle at 0 < t ≤ `limit`.
+    #[inline(always)]
+    fn triangle(&self, corners: [[f32; 3]; 3], active: Mask16, limit: F32x16) -> Option<Candidates> {
+        let [a, b, c] = corners.map(|p| self.corner(p));
+        let zero = F32x16::zero();
+        let u = c[0] * b[1] - c[1] * b[0];
+        let v = a[0] * c[1] - a[1] * c[0];
+        let w = b[0] * a[1] - b[1] * a[0];
+        let (least, most) = (u.min(v).min(w), u.max(v).max(w));
+        let inside = active & (least.ge(zero) | most.le(zero));
+        if inside.none() {
+            return None;
+        }
+        let doubtful = inside & least.le(zero) & most.ge(zero);
+        let determinant = u + v + w;
+        let z = u * a[2] + v * b[2] + w * c[2];
+        let inverse = F32x16::one() / determinant;
+        let t = z * self.shear[2] * inverse;
+        let hit = inside & zero.lt(t) & t.le(limit);
+        let found = Candidates { hit: hit.and_not(doubtful), t, u: v * inverse, v: w * inverse };
+        if doubtful.any() {
+            return Some(self.doubt([a, b, c], doubtful, limit, found));
+        }
+        if hit.none() { None } else { Some(found) }
+    }
+
+    /// The same where an edge function was zero.
+    #[cold]
+    #[inline(never)]
+    fn doubt(&self, sheared: [[F32x16; 3]; 3], doubtful: Mask16, limit: F32x16, mut found: Candidates) -> Candidates {
+        let mut hits = found.hit.bits();
+        for i in lanes(doubtful) {
+            let corners = sheared.map(|p| p.map(|x| f64::from(x.lane(i))));
+            if let Some([t, u, v]) = exact(corners, f64::from(self.shear[2].lane(i))) {
+                hits |= u32::from(0.0 < t && t <= limit.lane(i)) << i;
+                found.t = found.t.with_lane(i, t);
+                found.u = found.u.with_lane(i, u);
+                found.v = found.v.with_lane(i, v);
+            }
+        }
+        found.hit = Mask16::from_bits(hits);
+        found
+    }
+
+    /// Keeps what `filter` keeps.
+    #[inline(always)]
+    fn filtered<K: Filter>(found: &Candidates, hit: Mask16, primitive: u32, instance: u32, filter: &K) -> Mask16 {
+        if K::KEEPS_ALL {
+            return hit;
+        }
+        let kept = lanes(hit).filter(|&i| filter.keep(primitive, instance, found.u.lane(i), found.v.lane(i)));
+        Mask16::from_bits(kept.fold(0, |bits, i| bits | 1 << i))
+    }
+
+    #[inline(always)]
+    fn closest_triangle<K: Filter>(
+        &self,
+        corners: [[f32; 3]; 3],
+        primitive: u32,
+        active: Mask16,
+        instance: u32,
+        filter: &K,
+        best: &mut Bests,
+    ) {
+        if let Some(found) = self.triangle(corners, active, best.t) {
+            let number = Index16::splat(primitive);
+            let nearer = found.t.lt(best.t) | (found.t.eq(best.t) & number.lt(best.primitive));
+            let hit = Self::filtered(&found, found.hit & nearer, primitive, instance, filter);
+            best.t = F32x16::select(hit, found.t, best.t);
+            best.u = F32x16::select(hit, found.u, best.u);
+            best.v = F32x16::select(hit, found.v, best.v);
+            best.primitive = Index16::select(hit, number, best.primitive);
+        }
+    }
+
+    /// The lanes that may meet a sphere or disk; false only if they do not.
+    #[inline(always)]
+    fn near_shape(&self, shape: &Shape, active: Mask16) -> Mask16 {
+        let Some((center, radius)) = shape.ball() else { return active };
+        let [x, y, z] = std::array::from_fn(|k| F32x16::splat(center[k]) - self.ray.o[k]);
+        let [dx, dy, dz] = self.ray.d;
+        let along = (x * dx + y * dy + z * dz) / (dx * dx + dy * dy + dz * dz);
+        let (px, py, pz) = (x - along * dx, y - along * dy, z - along * dz);
+        let across = px * px + py * py + pz * pz;
+        let slack = (x * x + y * y + z * z) * 1e-5 + radius * radius * 1.001;
+        active.and_not(across.gt(slack))
+    }
+
+    fn shape(&self, shape: &Shape, active: Mask16, solid: &impl Shapes, instance: u32, best: &mut Bests) {
+        for i in lanes(self.near_shape(shape, active)) {
+            let mut one = best.lane(i, instance);
+            solid.closest(shape, &self.single(i), &mut one);
+            best.set(i, &one);
+        }
+    }
+
+    fn shape_occludes(&self, shape: &Shape, active: Mask16, solid: &impl Shapes) -> Mask16 {
+        let hit = lanes(self.near_shape(shape, active))
+            .filter(|&i| solid.occluded(shape, &self.single(i), self.ray.tmax.lane(i)));
+        Mask16::from_bits(hit.fold(0, |bits, i| bits | 1 << i))
+    }
+
+    #[inline(always)]
+    fn single(&self, lane: usize) -> SingleRay {
+        let sizes = (self.largest.lane(lane), self.reach.lane(lane));
+        SingleRay::usual(self.ray.o.map(|x| x.lane(lane)), self.ray.d.map(|x| x.lane(lane)), sizes)
+    }
+
+    /// Where the lanes enter and leave a child's box.
+    #[inline(always)]
+    fn enter(&self, node: &Node, slot: usize, limit: F32x16) -> (Mask16, F32x16) {
+        let mut enter = F32x16::zero();
+        let mut leave = limit;
+        for k in 0..3 {
+            let (lo, hi) = (F32x16::splat(node.planes[2 * k][slot]), F32x16::splat(node.planes[2 * k + 1][slot]));
+            let near = F32x16::select(self.down[k], hi, lo).mul_add(self.inverse[k], self.near[k]);
+            let far = F32x16::select(self.down[k], lo, hi).mul_add(self.inverse[k], self.far[k]);
+            enter = near.max(enter);
+            leave = (far * ONE_PLUS).min(leave);
+        }
+        (enter.le(leave), enter)
+    }
+}
+
+/// The set lanes.
+#[inline(always)]
+fn lanes(mask: Mask16) -> impl Iterator<Item = usize> {
+    let mut bits = mask.bits();
+    std::iter::from_fn(move || {
+        let lane = bits.trailing_zeros() as usize;
+        (bits != 0).then(|| {
+            bits &= bits - 1;
+            lane & 15
+        })
+    })
+}
+
+/// Sixteen rays against every primitive of a small tree.
+#[inline(always)]
+pub(crate) fn scan_closest<K: Filter>(tree: &Tree, packet: &Packet, active: Mask16, instance: u32, filter: &K) -> Bests {
+    let mut best = Bests::up_to(packet.ray.tmax);
+    for &(corners, primitive) in tree.triangles() {
+        packet.closest_triangle(corners, primitive, active, instance, filter, &mut best);
+    }
+    for shape in tree.shapes() {
+        packet.shape(shape, active, &Solid { instance, filter }, instance, &mut best);
+    }
+    best
+}
+
+/// Sixteen rays against every primitive of a small tree, until all are stopped.
+#[inline(always)]
+pub(crate) fn scan_occluded<K: Filter>(
+    tree: &Tree,
+    packet: &Packet,
+    active: Mask16,
+    instance: u32,
+    filter: &K,
+) -> Mask16 {
+    let mut left = active;
+    for &(corners, primitive) in tree.triangles() {
+        if let Some(found) = packet.triangle(corners, left, packet.ray.tmax) {
+            left = left.and_not(Packet::filtered(&found, found.hit, primitive, instance, filter));
+            if left.none() {
+                return active;
+            }
+        }
+    }
+    for shape in tree.shapes() {
+        left = left.and_not(packet.shape_occludes(shape, left, &Solid { instance, filter }));
+    }
+    active.and_not(left)
+}
+
+/// A subtree to visit.
+#[derive(Clone, Copy)]
+struct Entry {
+    /// Where each lane enters it; ∞ for those that do not.
+    enter: F32x16,
+    child: Child,
+    /// Where one of them does: what the children of a node are ordered by.
+    order: f32,
+}
+
+/// Sixteen rays through the tree together.
+#[inline(never)]
+pub(crate) fn closest<S: Simd, const PREFETCH: bool, K: Filter>(
+    tree: &Tree,
+    packet: &mut Packet,
+    active: Mask16,
+    instance: u32,
+    filter: &K,
+) -> Bests {
+    let mut best = Bests::up_to(packet.ray.tmax);
+    let Some(root) = tree.root() else { return best };
+    packet.prepare_boxes();
+    let solid = Solid { instance, filter };
+    let mut singles = Singles::new();
+    let mut places: [MaybeUninit<Entry>; STACK] = [const { MaybeUninit::uninit() }; STACK];
+    let mut len = 0;
+    let (mut current, mut active) = (root, active);
+    loop {
+        if active.count() < TOGETHER {
+            for i in lanes(active) {
+                let ray = singles.get(packet, i);
+                let mut one = best.lane(i, instance);
+                single::closest::<S, PREFETCH, K>(tree, current, ray, instance, filter, &solid, &mut one);
+                best.set(i, &one);
+            }
+        } else {
+            match current.target() {
+                Target::Node(index) => {
+                    // SAFETY: `Tree::new` has checked every child.
+                    let node = unsafe { tree.nodes().get_unchecked(index as usize) };
+                    let limit = best.t * ONE_PLUS;
+                    let bottom = len;
+                    for slot in 0..8 {
+                        let (entered, enter) = packet.enter(node, slot, limit);
+                        let entered = entered & active;
+                        if entered.none() {
+                            continue;
+                        }
+                        let order = enter.lane(entered.bits().trailing_zeros() as usize & 15);
+                        let enter = F32x16::select(entered, enter, F32x16::splat(f32::INFINITY));
+                        let child = node.children[slot];
+                        if PREFETCH {
+                            single::prefetch(tree, child);
+                        }
+                        let entry = Entry { enter, child, order };
+                        let mut i = len;
+                        // SAFETY: places from `bottom` to `len` were written, and `Tree::new` has checked that the
+                        // stack is large enough for all pushes on the way.
+                        unsafe {
+                            while i > bottom && places.get_unchecked(i - 1).assume_init_ref().order < order {
+                                *places.get_unchecked_mut(i) = *places.get_unchecked(i - 1);
+                                i -= 1;
+                            }
+                            places.get_unchecked_mut(i).write(entry);
+                        }
+                        len += 1;
+                    }
+                }
+                Target::Blocks { first, count } => {
+                    for i in first..first + count {
+                        // SAFETY: `Tree::new` has checked every child.
+                        let block = unsafe { tree.blocks().get_unchecked(i as usize) };
+                        for i in 0..4 {
+                            let primitive = block.primitive[i];
+                            if i == 0 || primitive != block.primitive[i - 1] {
+                                packet.closest_triangle(
+                                    block.corners(i),
+                                    primitive,
+                                    active,
+                                    instance,
+                                    filter,
+                                    &mut best,
+                                );
+                            }
+                        }
+                    }
+                }
+                Target::Shape(index) => {
+                    packet.shape(&tree.shapes()[index as usize], active, &solid, instance, &mut best);
+                }
+            }
+        }
+        let limit = best.t * ONE_PLUS;
+        loop {
+            if len == 0 {
+                return best;
+            }
+            len -= 1;
+            // SAFETY: everything below `len` was written.
+            let entry = unsafe { places.get_unchecked(len).assume_init() };
+            active = entry.enter.lt(limit);
+            if active.any() {
+                current = entry.child;
+                break;
+            }
+        }
+    }
+}
+
+/// Whether sixteen rays meet anything.
+#[inline(never)]
+pub(crate) fn occluded<S: Simd, const PREFETCH: bool, K: Filter>(
+    tree: &Tree,
+    packet: &mut Packet,
+    active: Mask16,
+    instance: u32,
+    filter: &K,
+) -> Mask16 {
+    let Some(root) = tree.root() else { return Mask16::splat(false) };
+    packet.prepare_boxes();
+    let solid = Solid { instance, filter };
+    let mut singles = Singles::new();
+    let mut places: [MaybeUninit<(Child, u32)>; STACK] = [const { MaybeUninit::uninit() }; STACK];
+    let mut len = 0;
+    let limit = packet.ray.tmax * ONE_PLUS;
+    let all = active;
+    let mut left = active;
+    let (mut current, mut active) = (root, active);
+    loop {
+        if active.count() < TOGETHER {
+            for i in lanes(active) {
+                let (ray, tmax) = (singles.get(packet, i), packet.ray.tmax.lane(i));
+                if single::occluded::<S, PREFETCH, K>(tree, current, ray, instance, filter, &solid, tmax) {
+                    left = left.and_not(Mask16::from_bits(1 << i));
+                }
+            }
+        } else {
+            match current.target() {
+                Target::Node(index) => {
+                    // SAFETY: `Tree::new` has checked every child.
+                    let node = unsafe { tree.nodes().get_unchecked(index as usize) };
+                    for slot in 0..8 {
+                        let (entered, _) = packet.enter(node, slot, limit);
+                        let bits = (entered & active).bits();
+                        if bits != 0 {
+                            let child = node.children[slot];
+                            if PREFETCH {
+                                single::prefetch(tree, child);
+                            }
+                            // SAFETY: `Tree::new` has checked that the stack is large enough for all pushes on the way.
+                            unsafe { places.get_unchecked_mut(len) }.write((child, bits));
+                            len += 1;
+                        }
+                    }
+                }
+                Target::Blocks { first, count } => {
+                    for i in first..first + count {
+                        // SAFETY: `Tree::new` has checked every child.
+                        let block = unsafe { tree.blocks().get_unchecked(i as usize) };
+                        for i in 0..4 {
+                            let primitive = block.primitive[i];
+                            if i > 0 && primitive == block.primitive[i - 1] {
+                                continue;
+                            }
+                            if let Some(found) = packet.triangle(block.corners(i), active, packet.ray.tmax) {
+                                let hit = Packet::filtered(&found, found.hit, primitive, instance, filter);
+                                active = active.and_not(hit);
+                                left = left.and_not(hit);
+                            }
+                        }
+                    }
+                }
+                Target::Shape(index) => {
+                    let shape = &tree.shapes()[index as usize];
+                    left = left.and_not(packet.shape_occludes(shape, active, &solid));
+                }
+            }
+        }
+        loop {
+            if len == 0 || left.none() {
+                return all.and_not(left);
+            }
+            len -= 1;
+            // SAFETY: everything below `len` was written.
+            let (child, bits) = unsafe { places.get_unchecked(len).assume_init() };
+            active = Mask16::from_bits(bits) & left;
+            if active.any() {
+                current = child;
+                break;
+            }
+        }
+    }
+}
+
+/// The lanes' own rays, made when they are first wanted.
+struct Singles {
+    rays: [MaybeUninit<SingleRay>; 16],
+    made: u32,
+}
+
+impl Singles {
+    #[inline(always)]
+    fn new() -> Self {
+        Self { rays: [const { MaybeUninit::uninit() }; 16], made: 0 }
+    }
+    #[inline(always)]
+    fn get(&mut self, packet: &Packet, lane: usize) -> &SingleRay {
+        let place = &mut self.rays[lane];
+        if self.made >> lane & 1 == 0 {
+            self.made |= 1 << lane;
+            place.write(packet.single(lane));
+        }
+        // SAFETY: it was written when its bit in `made` was set.
+        unsafe { place.assume_init_ref() }
+    }
+}
