@@ -7,8 +7,9 @@ threads with rebond, with Mitsuba's `llvm_ad_rgb` and with its `scalar_rgb`, bot
 take turns, one at a time, and every round has seeds of its own; loading, building and compiling kernels are not counted.
 
 Prints samples per second (medians), relMSE = mean((x - ref)^2 / (ref^2 + 0.01)) without the worst 0.1 % of pixels, and
-1 / (relMSE x time), which is what matters, both as they are and as ratios to `llvm_ad_rgb`. The reference is the mean of a
-long rendering by each of the two programs.
+1 / (relMSE x time), which is what matters, both as they are and as ratios to `llvm_ad_rgb`; and CPU time, which tells how
+far to trust the rest (a quiet machine gives seconds x threads). The reference is the mean of a long rendering by each of
+the two programs.
 """
 
 import argparse
@@ -17,6 +18,7 @@ import hashlib
 import json
 import os
 import platform
+import resource
 import statistics
 import subprocess
 import sys
@@ -51,11 +53,11 @@ def serve(variant, scene_file, settings):
         scene = load(json.load(f), max_depth=settings["max_depth"], sampler="multijitter", spp=settings["spp"])
 
     def render(seed, spp):
-        start = time.perf_counter()
+        start, cpu_start = time.perf_counter(), time.process_time()
         image = mi.render(scene, seed=seed, spp=spp)
         dr.eval(image)
         dr.sync_thread()
-        return time.perf_counter() - start, image
+        return time.perf_counter() - start, time.process_time() - cpu_start, image
 
     # Twice: kernels are compiled in the first, memory is at hand after the second. A spp of its own is a kernel of its own.
     for seed in (0, 1):
@@ -63,9 +65,9 @@ def serve(variant, scene_file, settings):
     print(json.dumps({"mitsuba": mi.__version__, "drjit": dr.__version__}), flush=True)
     for line in sys.stdin:
         seed, spp, path = json.loads(line)
-        seconds, image = render(seed, spp)
+        seconds, cpu_seconds, image = render(seed, spp)
         np.save(path, np.array(image))
-        print(json.dumps(seconds), flush=True)
+        print(json.dumps([seconds, cpu_seconds]), flush=True)
 
 
 class Worker:
@@ -86,11 +88,11 @@ class Worker:
         return json.loads(line)
 
     def render(self, seed, spp):
-        """Seconds, and the picture."""
+        """Seconds, seconds of CPU time, and the picture."""
         self.process.stdin.write(json.dumps([seed, spp, str(self.picture)]) + "\n")
         self.process.stdin.flush()
-        seconds = self._answer()
-        return seconds, np.load(self.picture).astype(np.float64)
+        seconds, cpu_seconds = self._answer()
+        return seconds, cpu_seconds, np.load(self.picture).astype(np.float64)
 
     def close(self):
         self.process.stdin.close()
@@ -136,11 +138,11 @@ def reference(scene, args, worker, run_rebond):
         if not path.is_file():
             print(f"  reference by {name}: {args.reference_spp} spp ...", file=sys.stderr)
             if name == "rebond":
-                picture = run_rebond(REFERENCE_SEED, args.reference_spp)[1]
+                picture = run_rebond(REFERENCE_SEED, args.reference_spp)[-1]
             else:
                 runs = max(1, args.reference_spp // REFERENCE_RUN)
                 spp = args.reference_spp // runs
-                picture = sum(worker.render(REFERENCE_SEED + i, spp)[1] for i in range(runs)) / runs
+                picture = sum(worker.render(REFERENCE_SEED + i, spp)[-1] for i in range(runs)) / runs
             CACHE.mkdir(exist_ok=True)
             np.save(path, picture.astype(np.float32))
         pictures.append(np.load(path).astype(np.float64))
@@ -157,23 +159,28 @@ def measure(name, scene, args):
 
     def run_rebond(seed, spp):
         options = {"threads": args.threads, "program": args.rebond, "engine": args.engine}
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
         run, layers = rebond.render(scene, spp, seed, max_depth=args.max_depth, **options)
-        return run["render_seconds"], layers[""]
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        # CPU time includes loading, building and writing: there is no other way to have it from outside.
+        cpu_seconds = after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
+        return run["render_seconds"], cpu_seconds, layers[""]
 
     with tempfile.TemporaryDirectory() as folder:
         workers = {v: Worker(v, scene, Path(folder), settings) for v in args.variants}
         renderers = {"rebond": run_rebond} | {f"mitsuba {v}": w.render for v, w in workers.items()}
         ref, apart = reference(scene, args, workers[BASE], run_rebond)
         run_rebond(0, args.spp)
-        raw = {program: {"seconds": [], "rel_mse": []} for program in renderers}
+        raw = {program: {"seconds": [], "cpu_seconds": [], "rel_mse": []} for program in renderers}
         for i in range(args.rounds):
             # Every round begins with another program.
             order = list(renderers)
             order = order[i % len(order) :] + order[: i % len(order)]
             for program in order:
-                seconds, image = renderers[program](10 + i, args.spp)
-                raw[program]["seconds"].append(seconds)
-                raw[program]["rel_mse"].append(rel_mse(image, ref))
+                seconds, cpu_seconds, image = renderers[program](10 + i, args.spp)
+                figures = {"seconds": seconds, "cpu_seconds": cpu_seconds, "rel_mse": rel_mse(image, ref)}
+                for key, value in figures.items():
+                    raw[program][key].append(value)
             print(f"  {name}: round {i + 1} of {args.rounds}", file=sys.stderr)
         versions = workers[BASE].versions
         for worker in workers.values():
@@ -187,7 +194,9 @@ def summary(raw, samples):
     for program, figures in raw.items():
         seconds = statistics.median(figures["seconds"])
         error = statistics.fmean(figures["rel_mse"])
-        rows[program] = {"seconds": seconds, "samples_per_second": samples / seconds, "rel_mse": error, "efficiency": 1 / (error * seconds)}
+        rows[program] = {"seconds": seconds, "samples_per_second": samples / seconds, "rel_mse": error}
+        rows[program]["efficiency"] = 1 / (error * seconds)
+        rows[program]["cpu_seconds"] = statistics.median(figures["cpu_seconds"])
     base = rows[f"mitsuba {BASE}"]
     for row in rows.values():
         row["speed_ratio"] = row["samples_per_second"] / base["samples_per_second"]
@@ -197,11 +206,11 @@ def summary(raw, samples):
 
 def table(name, rows, reference_error):
     width = max(map(len, rows))
-    head = f"{name:<{width}}{'seconds':>10}{'M samples/s':>13}{'ratio':>8}{'relMSE':>12}{'1/(relMSE·s)':>14}{'ratio':>8}"
+    head = f"{name:<{width}}{'seconds':>10}{'CPU s':>8}{'M samples/s':>13}{'ratio':>8}{'relMSE':>12}{'1/(relMSE·s)':>14}{'ratio':>8}"
     lines = [head, "-" * len(head)]
     for program, r in rows.items():
         lines.append(
-            f"{program:<{width}}{r['seconds']:>10.3f}{r['samples_per_second'] / 1e6:>13.2f}{r['speed_ratio']:>8.2f}"
+            f"{program:<{width}}{r['seconds']:>10.3f}{r['cpu_seconds']:>8.2f}{r['samples_per_second'] / 1e6:>13.2f}{r['speed_ratio']:>8.2f}"
             f"{r['rel_mse']:>12.3e}{r['efficiency']:>14.1f}{r['efficiency_ratio']:>8.2f}"
         )
     lines.append(f"(the reference's own relMSE is about {reference_error:.1e}; ratios are to mitsuba {BASE})")
