@@ -38,8 +38,9 @@ impl Node {
         };
         let near =
             |k: usize| plane(ray.near_plane()[k]).mul_add(S::F8::splat(ray.inverse[k]), S::F8::splat(ray.near[k]));
-        let far =
-            |k: usize| plane(ray.near_plane()[k] ^ 1).mul_add(S::F8::splat(ray.inverse_far[k]), S::F8::splat(ray.far[k]));
+        let far = |k: usize| {
+            plane(ray.near_plane()[k] ^ 1).mul_add(S::F8::splat(ray.inverse_far[k]), S::F8::splat(ray.far[k]))
+        };
         let enter = near(0).max(near(1)).max(near(2).max(S::F8::splat(0.0)));
         let leave = far(0).min(far(1)).min(far(2).min(limit));
         (enter.le(leave), enter)
@@ -84,10 +85,6 @@ impl Child {
         Self(LEAF | SHAPE | index)
     }
     #[inline(always)]
-    pub fn is_leaf(self) -> bool {
-        self.0 & LEAF != 0
-    }
-    #[inline(always)]
     pub fn target(self) -> Target {
         if self.0 & LEAF == 0 {
             Target::Node(self.0)
@@ -117,7 +114,6 @@ mod tests {
         assert_eq!(Child::blocks(9, 4).target(), Target::Blocks { first: 9, count: 4 });
         assert_eq!(Child::blocks((1 << 28) - 1, 1).target(), Target::Blocks { first: (1 << 28) - 1, count: 1 });
         assert_eq!(Child::shape(3).moved(5, 6, 7).target(), Target::Shape(10));
-        assert!(Child::shape(0).is_leaf() && !Child::node(0).is_leaf());
         assert_eq!(size_of::<Node>(), 256);
     }
 }

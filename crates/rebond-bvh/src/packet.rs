@@ -276,7 +276,13 @@ fn lanes(mask: Mask16) -> impl Iterator<Item = usize> {
 
 /// Sixteen rays against every primitive of a small tree.
 #[inline(always)]
-pub(crate) fn scan_closest<K: Filter>(tree: &Tree, packet: &Packet, active: Mask16, instance: u32, filter: &K) -> Bests {
+pub(crate) fn scan_closest<K: Filter>(
+    tree: &Tree,
+    packet: &Packet,
+    active: Mask16,
+    instance: u32,
+    filter: &K,
+) -> Bests {
     let mut best = Bests::up_to(packet.ray.tmax);
     for &(corners, primitive) in tree.triangles() {
         packet.closest_triangle(corners, primitive, active, instance, filter, &mut best);
@@ -422,7 +428,7 @@ pub(crate) fn closest<S: Simd, const PREFETCH: bool, K: Filter>(
 
 /// Whether sixteen rays meet anything.
 #[inline(never)]
-pub(crate) fn occluded<S: Simd, const PREFETCH: bool, K: Filter>(
+pub(crate) fn occluded<S: Simd, K: Filter>(
     tree: &Tree,
     packet: &mut Packet,
     active: Mask16,
@@ -443,7 +449,7 @@ pub(crate) fn occluded<S: Simd, const PREFETCH: bool, K: Filter>(
         if active.count() < TOGETHER {
             for i in lanes(active) {
                 let (ray, tmax) = (singles.get(packet, i), packet.ray.tmax.lane(i));
-                if single::occluded::<S, PREFETCH, K>(tree, current, ray, instance, filter, &solid, tmax) {
+                if single::occluded::<S, K>(tree, current, ray, instance, filter, &solid, tmax) {
                     left = left.and_not(Mask16::from_bits(1 << i));
                 }
             }
@@ -457,9 +463,6 @@ pub(crate) fn occluded<S: Simd, const PREFETCH: bool, K: Filter>(
                         let bits = (entered & active).bits();
                         if bits != 0 {
                             let child = node.children[slot];
-                            if PREFETCH {
-                                single::prefetch(tree, child);
-                            }
                             // SAFETY: `Tree::new` has checked that the stack is large enough for all pushes on the way.
                             unsafe { places.get_unchecked_mut(len) }.write((child, bits));
                             len += 1;

@@ -74,7 +74,7 @@ impl Query for F32x16 {
             }
             if tree.is_small() {
                 let (mut packet, fit, unusual) = Packet::new(ray, mask, tree.extent);
-                let hit = packet::occluded::<Native, false, K>(tree, &mut packet, fit, instance, filter);
+                let hit = packet::occluded::<Native, K>(tree, &mut packet, fit, instance, filter);
                 return if unusual.any() { hit | each_occluded(accel, ray, unusual, filter) } else { hit };
             }
         }
@@ -240,11 +240,7 @@ fn occluded_in<S: Simd, K: Filter>(
     let Some(root) = tree.root() else { return false };
     if let Some(sizes) = SingleRay::sizes(o, d, tree.extent) {
         let ray = SingleRay::usual(o, d, sizes);
-        if tree.large {
-            single::occluded::<S, true, K>(tree, root, &ray, instance, filter, shapes, tmax)
-        } else {
-            single::occluded::<S, false, K>(tree, root, &ray, instance, filter, shapes, tmax)
-        }
+        single::occluded::<S, K>(tree, root, &ray, instance, filter, shapes, tmax)
     } else {
         let mut best = Best::up_to(tmax);
         unusual::<S, K>(tree, o, d, instance, filter, shapes, &mut best);

@@ -1,7 +1,7 @@
 //! One ray, prepared for boxes and triangles.
 
-use crate::node::ONE_PLUS;
 use crate::MISS;
+use crate::node::ONE_PLUS;
 use rebond_lanes::{Index, Real};
 
 /// A ray as the kernels want it.

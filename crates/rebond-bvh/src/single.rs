@@ -204,7 +204,7 @@ pub(crate) fn closest<S: Simd, const PREFETCH: bool, K: Filter>(
 
 /// Whether the ray hits anything in the subtree `start` before `tmax`.
 #[inline(always)]
-pub(crate) fn occluded<S: Simd, const PREFETCH: bool, K: Filter>(
+pub(crate) fn occluded<S: Simd, K: Filter>(
     tree: &Tree,
     start: Child,
     ray: &SingleRay,
@@ -228,11 +228,6 @@ pub(crate) fn occluded<S: Simd, const PREFETCH: bool, K: Filter>(
                 // more.
                 unsafe { places.as_mut_ptr().add(len).cast::<[u32; 8]>().write_unaligned(children) };
                 len += mask.count_ones() as usize;
-                if PREFETCH {
-                    for &child in &children[..mask.count_ones() as usize] {
-                        prefetch(tree, Child(child));
-                    }
-                }
             }
             Target::Blocks { first, count } => {
                 for i in first..first + count {

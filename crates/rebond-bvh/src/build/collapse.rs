@@ -26,7 +26,7 @@ pub(crate) struct Plan {
     /// For i = 0: how many of the eight slots of its own node go to the left, 0 for a leaf. For others: how many of the
     /// i + 1 slots go to the left, 0 to use fewer slots.
     left: [u8; 7],
-    /// References in the subtree, saturating at what no leaf can hold; no other shapes among them.
+    /// References in the subtree.
     count: u32,
     only_triangles: bool,
 }
@@ -50,12 +50,24 @@ pub(crate) struct Wide {
 }
 
 /// `nodes` has its root first and children behind parents.
-pub(crate) fn collapse(nodes: &[Binary], references: &[Reference], primitives: &impl Primitives) -> (Wide, Child) {
-    let plans = plan(nodes, references, primitives);
-    Emitter { nodes, references, primitives, plans: &plans }.parallel(0)
+pub(crate) fn collapse(
+    nodes: &[Binary],
+    references: &[Reference],
+    primitives: &impl Primitives,
+    plans: &[Plan],
+) -> (Wide, Child) {
+    Emitter { nodes, references, primitives, plans }.parallel(0)
 }
 
-fn plan(nodes: &[Binary], references: &[Reference], primitives: &impl Primitives) -> Vec<Plan> {
+impl Plan {
+    /// What the whole subtree costs.
+    pub fn total(&self) -> f32 {
+        self.cost[0]
+    }
+}
+
+/// The best plan for every node.
+pub(crate) fn plan(nodes: &[Binary], references: &[Reference], primitives: &impl Primitives) -> Vec<Plan> {
     let none = Plan { cost: [0.0; 7], left: [0; 7], count: 0, only_triangles: true };
     let mut plans = vec![none; nodes.len()];
     for (i, node) in nodes.iter().enumerate().rev() {

@@ -3,6 +3,8 @@
 pub(crate) mod binned;
 pub(crate) mod bounds;
 pub(crate) mod collapse;
+mod reinsert;
+mod spatial;
 
 use crate::node::Child;
 use crate::shape::Shape;
@@ -145,17 +147,43 @@ fn tree(mut references: Vec<Reference>, primitives: &impl Primitives, preset: Pr
     if n > Child::MAX_BLOCKS || 2 * n >= Child::MAX_SHAPES {
         return Err(BuildError::TooManyPrimitives);
     }
-    let leaf = if preset == Preset::Fast && primitives.only_triangles() { 4 } else { 1 };
-    let mut nodes = vec![Binary::UNUSED; 2 * n - 1];
-    binned::build(&mut references, &mut nodes, binned::Shape { leaf, balanced: false });
+    let balanced = |references: &mut [Reference], leaf: usize, balanced: bool| {
+        let mut nodes = vec![Binary::UNUSED; 2 * references.len() - 1];
+        binned::build(references, &mut nodes, binned::Shape { leaf, balanced });
+        nodes
+    };
+    let fast = preset == Preset::Fast && primitives.only_triangles();
+    let pristine = if preset == Preset::Quality { references.clone() } else { Vec::new() };
+    let mut nodes = balanced(&mut references, if fast { 4 } else { 1 }, false);
     let bounds = nodes[0].bounds.corners();
-    let (wide, root) = collapse::collapse(&nodes, &references, primitives);
+    if preset == Preset::Quality || (preset == Preset::Default && n <= REINSERT) {
+        reinsert::improve(&mut nodes);
+    }
+    let mut plans = collapse::plan(&nodes, &references, primitives);
+    if preset == Preset::Quality && nodes[0].bounds.area().is_finite() {
+        let mut cut_references = pristine;
+        let places = n + n / 4;
+        cut_references.resize(places, Reference::new(Bounds::EMPTY, 0));
+        let mut cut_nodes = vec![Binary::UNUSED; 2 * places - 1];
+        spatial::build(&mut cut_references, n, &mut cut_nodes, primitives);
+        reinsert::improve(&mut cut_nodes);
+        let cut_plans = collapse::plan(&cut_nodes, &cut_references, primitives);
+        if cut_plans[0].total() < WORTH_CUTTING * plans[0].total() {
+            (references, nodes, plans) = (cut_references, cut_nodes, cut_plans);
+        }
+    }
+    let (wide, root) = collapse::collapse(&nodes, &references, primitives, &plans);
     if let Some(tree) = Tree::new(wide.nodes, wide.blocks, wide.shapes, root, bounds) {
         return Ok(tree);
     }
     // Some inputs make trees too deep for the stack; halving by number does not.
-    nodes.fill(Binary::UNUSED);
-    binned::build(&mut references, &mut nodes, binned::Shape { leaf: 1, balanced: true });
-    let (wide, root) = collapse::collapse(&nodes, &references, primitives);
+    let nodes = balanced(&mut references, 1, true);
+    let plans = collapse::plan(&nodes, &references, primitives);
+    let (wide, root) = collapse::collapse(&nodes, &references, primitives, &plans);
     Tree::new(wide.nodes, wide.blocks, wide.shapes, root, bounds).ok_or(BuildError::TooManyPrimitives)
 }
+
+/// Trees of up to so many primitives are bettered by reinsertion unless haste is asked for.
+const REINSERT: usize = 50_000;
+/// Triangles are cut only if that brings the tree's cost below this part of what it is without.
+const WORTH_CUTTING: f32 = 0.9;
