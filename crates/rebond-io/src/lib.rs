@@ -12,5 +12,5 @@ pub use deserialize::{from_settings, from_toml};
 pub use document::Document;
 pub use error::{Error, Place};
 pub use images::{ImageFormat, PngOptions, Tonemap, read_image, read_image_raw, write_image};
-pub use scene::{BUILT_IN_SCENES, BuiltIn, SceneFiles, SceneSource};
 pub use meshes::{MeshData, read_mesh, read_obj, read_ply, write_ply};
+pub use scene::{BUILT_IN_SCENES, BuiltIn, SceneFiles, SceneSource};

@@ -1,12 +1,12 @@
 //! Scene files: TOML to a [`Scene`], with every error at its place in the file.
 
 use crate::document::Document;
-use crate::error::Error;
+use crate::error::{Error, Place};
 use crate::{from_toml, read_image, read_image_raw, read_obj, read_ply};
 use rebond::film::Image;
-use rebond::scene::description::Encoding;
 use rebond::scene::{BuildError, MeshSource, Resources, Scene, SceneDescription, build};
 use rebond::shape::MeshData;
+use rebond::texture::Encoding;
 use std::path::{Path, PathBuf};
 
 /// A scene that is part of the program.
@@ -109,20 +109,22 @@ impl SceneSource {
         match path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()) {
             Some(e) if e == "toml" => {}
             Some(_) if path.exists() => {
-                return Err(Error::new(format!("cannot tell the format of \"{scene}\"")).with_help("scene files end in .toml"));
+                return Err(
+                    Error::new(format!("cannot tell the format of \"{scene}\"")).with_help("scene files end in .toml")
+                );
             }
             _ => {
                 let help = match crate::deserialize::nearest(scene, &names) {
-                    Some(near) => format!("did you mean \"{near}\"? built-in scenes: {}; or give a .toml file", names.join(", ")),
+                    Some(near) => {
+                        format!("did you mean \"{near}\"? built-in scenes: {}; or give a .toml file", names.join(", "))
+                    }
                     None => format!("built-in scenes: {}; or give a .toml file", names.join(", ")),
                 };
                 return Err(Error::new(format!("there is no scene \"{scene}\"")).with_help(help));
             }
         }
         let bytes = std::fs::read(path).map_err(|e| Error::new(format!("cannot read the scene \"{scene}\": {e}")))?;
-        let text = String::from_utf8(bytes).map_err(|e| {
-            Error::new(format!("not UTF-8 text, from byte {} on", e.utf8_error().valid_up_to())).with_file(scene)
-        })?;
+        let text = String::from_utf8(bytes).map_err(|e| not_text(e.as_bytes(), e.utf8_error().valid_up_to(), scene))?;
         let folder = path.parent().map_or_else(PathBuf::new, Path::to_path_buf);
         let name = path.file_stem().map_or_else(|| "scene".into(), |s| s.to_string_lossy().into_owned());
         Self::parse(&text, scene, &name, SceneFiles::Folder(folder))
@@ -142,4 +144,17 @@ impl SceneSource {
     fn locate(&self, error: BuildError) -> Error {
         Error { help: error.help, ..self.document.error_at(&error.path, error.message) }
     }
+}
+
+/// The error of a file that is text only up to its byte `valid`.
+fn not_text(bytes: &[u8], valid: usize, file: &str) -> Error {
+    let text = String::from_utf8_lossy(bytes);
+    let line_start = text[..valid].rfind('\n').map_or(0, |i| i + 1);
+    let column = text[line_start..valid].chars().count() + 1;
+    // What is no text may be long, and may do anything to a terminal.
+    let shown = text[line_start..].chars().take_while(|c| *c != '\n').take(column + 40);
+    let source_line = shown.map(|c| if c.is_control() && c != '\t' { '\u{fffd}' } else { c }).collect();
+    let place = Place { line: text[..valid].matches('\n').count() + 1, column, width: 1, source_line };
+    let error = Error { place: Some(Box::new(place)), ..Error::new("not UTF-8 text") };
+    error.with_file(file).with_help("save the scene as UTF-8")
 }

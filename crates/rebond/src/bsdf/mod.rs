@@ -241,7 +241,14 @@ impl<F: Real> Bsdf<F> {
 
     /// A direction given `known`, from three numbers in [0, 1): two for the direction, one for the choice of a lobe.
     #[inline(always)]
-    pub fn sample(&self, known: Vec3<F>, u: [F; 2], choice: impl Fn() -> F, mode: TransportMode, mask: F::Mask) -> BsdfSample<F> {
+    pub fn sample(
+        &self,
+        known: Vec3<F>,
+        u: [F; 2],
+        choice: impl Fn() -> F,
+        mode: TransportMode,
+        mask: F::Mask,
+    ) -> BsdfSample<F> {
         let a = self.frame.to_local(known);
         let mask = mask & self.consistent(known, a.z);
         let mut sample = BsdfSample::failed();

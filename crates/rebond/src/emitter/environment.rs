@@ -114,7 +114,9 @@ impl Environment {
     #[inline]
     pub fn sample<F: Real>(&self, u: [F; 2]) -> (Vec3<F>, PdfSolidAngle<F>) {
         match self {
-            Self::Constant(_) => (crate::sampling::warp::uniform_sphere(u), crate::sampling::warp::uniform_sphere_pdf()),
+            Self::Constant(_) => {
+                (crate::sampling::warp::uniform_sphere(u), crate::sampling::warp::uniform_sphere_pdf())
+            }
             Self::Image(image) => image.sample(u),
         }
     }

@@ -146,25 +146,57 @@ impl Emitter {
         match *self {
             Self::Triangle { p: [p, a, b], radiance } => {
                 let n = a.cross(b);
-                [word(radiance, Kind::Triangle), with(p, 2.0 / n.length()), with(a, 0.0), with(b, 0.0), with(n.normalize(), 0.0)]
+                [
+                    word(radiance, Kind::Triangle),
+                    with(p, 2.0 / n.length()),
+                    with(a, 0.0),
+                    with(b, 0.0),
+                    with(n.normalize(), 0.0),
+                ]
             }
             Self::Parallelogram { p: [p, a, b], radiance } => {
                 let n = a.cross(b);
-                [word(radiance, Kind::Parallelogram), with(p, 1.0 / n.length()), with(a, 0.0), with(b, 0.0), with(n.normalize(), 0.0)]
+                [
+                    word(radiance, Kind::Parallelogram),
+                    with(p, 1.0 / n.length()),
+                    with(a, 0.0),
+                    with(b, 0.0),
+                    with(n.normalize(), 0.0),
+                ]
             }
             Self::Sphere { center, radius, inwards, radiance } => {
                 let sign = if inwards { -1.0 } else { 1.0 };
-                [word(radiance, Kind::Sphere), with(center, 1.0 / (4.0 * PI * radius * radius)), Record([radius, sign, 0.0, 0.0]), none, none]
+                [
+                    word(radiance, Kind::Sphere),
+                    with(center, 1.0 / (4.0 * PI * radius * radius)),
+                    Record([radius, sign, 0.0, 0.0]),
+                    none,
+                    none,
+                ]
             }
             Self::Disk { center, normal, radius, radiance } => {
                 let (a, b) = normal.any_orthonormal_pair();
                 let density = 1.0 / (PI * radius * radius);
-                [word(radiance, Kind::Disk), with(center, density), with(a * radius, 0.0), with(b * radius, 0.0), with(normal, 0.0)]
+                [
+                    word(radiance, Kind::Disk),
+                    with(center, density),
+                    with(a * radius, 0.0),
+                    with(b * radius, 0.0),
+                    with(normal, 0.0),
+                ]
             }
-            Self::Point { position, intensity } => [word(intensity, Kind::Point), with(position, 0.0), none, none, none],
+            Self::Point { position, intensity } => {
+                [word(intensity, Kind::Point), with(position, 0.0), none, none, none]
+            }
             Self::Spot { position, axis, angles, intensity } => {
                 let ramp = 1.0 / (angles[1] - angles[0]).max(1e-6);
-                [word(intensity, Kind::Spot), with(position, 0.0), Record([angles[1], ramp, 0.0, 0.0]), none, with(axis, 0.0)]
+                [
+                    word(intensity, Kind::Spot),
+                    with(position, 0.0),
+                    Record([angles[1], ramp, 0.0, 0.0]),
+                    none,
+                    with(axis, 0.0),
+                ]
             }
             Self::Directional { direction, irradiance } => {
                 [word(irradiance, Kind::Directional), with(-direction, 0.0), none, none, none]
@@ -327,7 +359,14 @@ impl Emitters {
     }
 
     #[inline(always)]
-    fn from_surface_point<F: Real>(p: Vec3<F>, point: Vec3<F>, normal: Vec3<F>, error: F, radiance: Rgb<F>, density: PdfArea<F>) -> EmitterSample<F> {
+    fn from_surface_point<F: Real>(
+        p: Vec3<F>,
+        point: Vec3<F>,
+        normal: Vec3<F>,
+        error: F,
+        radiance: Rgb<F>,
+        density: PdfArea<F>,
+    ) -> EmitterSample<F> {
         let to = point - p;
         let pdf = density.to_solid_angle(to, normal);
         let lit = to.dot(normal).lt(F::zero()) & pdf.0.gt(F::zero()) & pdf.0.is_finite();
@@ -381,7 +420,12 @@ impl Emitters {
         let to = point - p;
         let d2 = to.length_squared();
         let apart = d2.gt(F::zero());
-        EmitterSample { wi: to.normalized(), point, weight: (intensity * d2.recip()).masked(apart), ..EmitterSample::none() }
+        EmitterSample {
+            wi: to.normalized(),
+            point,
+            weight: (intensity * d2.recip()).masked(apart),
+            ..EmitterSample::none()
+        }
     }
 
     #[inline(always)]

@@ -44,7 +44,11 @@ fn irradiance_has_its_closed_form() {
     }
     // A triangle with its right angle above the point is one half of the square by symmetry.
     let triangle = Emitter::Triangle { p: [V::new(0.0, 0.0, 1.0), V::Y, V::X + V::Y], radiance: LIGHT };
-    check("triangle", irradiance(triangle, vec![], [0.0; 3]), 2.0 * std::f64::consts::PI * quarter(1.0, 1.0, 1.0) / 2.0);
+    check(
+        "triangle",
+        irradiance(triangle, vec![], [0.0; 3]),
+        2.0 * std::f64::consts::PI * quarter(1.0, 1.0, 1.0) / 2.0,
+    );
     // A disk of radius r on the axis at height h, and a sphere: π L sin²θ.
     let disk = Emitter::Disk { center: V::Z * 2.0, normal: V::NEG_Z, radius: 1.0, radiance: LIGHT };
     check("disk", irradiance(disk, vec![], [0.0; 3]), 2.0 * std::f64::consts::PI / 5.0);
@@ -57,10 +61,16 @@ fn irradiance_has_its_closed_form() {
         check("inside a sphere", irradiance(sphere(V::ZERO, 1.0, true), vec![], p), 2.0 * std::f64::consts::PI);
     }
     // Surroundings: π L; and an image cos-weighted towards +y: L = 1 + y, E(+z) = π.
-    check("constant", irradiance(Emitter::Environment { number: 0, mean: LIGHT }, vec![Environment::Constant(LIGHT)], [0.0; 3]), 2.0 * std::f64::consts::PI);
+    check(
+        "constant",
+        irradiance(Emitter::Environment { number: 0, mean: LIGHT }, vec![Environment::Constant(LIGHT)], [0.0; 3]),
+        2.0 * std::f64::consts::PI,
+    );
     let (w, h) = (64, 256);
     let texels: Vec<[f32; 3]> = (0..w * h).map(|i| [1.0 + (PI * ((i / w) as f32 + 0.5) / h as f32).cos(); 3]).collect();
-    let image = |frame| Environment::Image(Box::new(EnvironmentImage::new([w as u32, h as u32], &texels, frame).expect("light")));
+    let image = |frame| {
+        Environment::Image(Box::new(EnvironmentImage::new([w as u32, h as u32], &texels, frame).expect("light")))
+    };
     let upright = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     let mean = Emitter::Environment { number: 0, mean: [1.0; 3] };
     check("image", irradiance(mean, vec![image(upright)], [0.0; 3]), std::f64::consts::PI);
@@ -72,7 +82,8 @@ fn irradiance_has_its_closed_form() {
 #[test]
 fn directions_follow_their_densities() {
     let image = {
-        let texels: Vec<[f32; 3]> = (0..32 * 16).map(|i| if i % 37 < 3 { [40.0, 3.0, 1.0] } else { [0.0, 0.1, 0.2] }).collect();
+        let texels: Vec<[f32; 3]> =
+            (0..32 * 16).map(|i| if i % 37 < 3 { [40.0, 3.0, 1.0] } else { [0.0, 0.1, 0.2] }).collect();
         EnvironmentImage::new([32, 16], &texels, [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]).expect("light")
     };
     // Surfaces: the density at a direction is asked at the point where it meets the surface.
@@ -127,22 +138,27 @@ fn points_and_beams_have_no_density_and_the_right_irradiance() {
     assert!(sun.infinite && sun.wi.z == 1.0 && sun.weight.r == 2.0);
     let angles = [20.0_f32.to_radians(), 40.0_f32.to_radians()];
     let spot = Emitter::Spot { position: V::ZERO, axis: V::Z, angles, intensity: [1.0; 3] };
-    for (degrees, share) in [(0.0, 1.0), (19.0, 1.0), (25.0, 0.75), (30.0, 0.5), (39.9, 0.005), (41.0, 0.0), (180.0, 0.0)] {
+    for (degrees, share) in
+        [(0.0, 1.0), (19.0, 1.0), (25.0, 0.75), (30.0, 0.5), (39.9, 0.005), (41.0, 0.0), (180.0, 0.0)]
+    {
         let a = f32::to_radians(degrees);
         assert!((at(spot, [a.sin(), 0.0, a.cos()]).weight.r - share).abs() < 1e-4, "{degrees}°");
     }
     // Its power: the ramp integrated numerically.
-    let sum: f64 = (0..200_000).map(|i| {
-        let a = (f64::from(i) + 0.5) / 200_000.0 * std::f64::consts::PI;
-        let ramp = ((f64::from(angles[1]) - a) / f64::from(angles[1] - angles[0])).clamp(0.0, 1.0);
-        ramp * std::f64::consts::TAU * a.sin() * std::f64::consts::PI / 200_000.0
-    }).sum();
+    let sum: f64 = (0..200_000)
+        .map(|i| {
+            let a = (f64::from(i) + 0.5) / 200_000.0 * std::f64::consts::PI;
+            let ramp = ((f64::from(angles[1]) - a) / f64::from(angles[1] - angles[0])).clamp(0.0, 1.0);
+            ramp * std::f64::consts::TAU * a.sin() * std::f64::consts::PI / 200_000.0
+        })
+        .sum();
     assert!((f64::from(spot.power(1.0)[0]) / sum - 1.0).abs() < 1e-4);
 }
 
 #[test]
 fn the_choice_follows_power() {
-    let emitters = [rectangle(1.0), Emitter::Point { position: V::ONE, intensity: [0.0; 3] }, sphere(V::ONE, 0.5, false)];
+    let emitters =
+        [rectangle(1.0), Emitter::Point { position: V::ONE, intensity: [0.0; 3] }, sphere(V::ONE, 0.5, false)];
     let choice = LightSampler::new(&emitters, 1.0);
     let p: Vec<f32> = (0..3).map(|i| choice.probability::<f32>(Vec3::zero(), Vec3::zero(), Index1(i))).collect();
     assert!((p[0] / p[2] - 4.0 / PI).abs() < 1e-5 && p[1] == 0.0);

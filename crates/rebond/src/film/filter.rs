@@ -213,7 +213,8 @@ mod tests {
             let (bins, n) = (50, 200_000);
             let bin_integral = |i: usize, f: &dyn Fn(f64) -> f64| {
                 let fine = 400;
-                let x = |k: usize| -radius + 2.0 * radius * (i as f64 + (k as f64 + 0.5) / f64::from(fine)) / bins as f64;
+                let x =
+                    |k: usize| -radius + 2.0 * radius * (i as f64 + (k as f64 + 0.5) / f64::from(fine)) / bins as f64;
                 (0..fine as usize).map(|k| f(x(k))).sum::<f64>()
             };
             let absolute: Vec<f64> = (0..bins).map(|i| bin_integral(i, &|x| settings.eval(x).abs())).collect();

@@ -47,8 +47,11 @@ pub struct IntegratorInfo {
 }
 
 /// The integrators there are.
-pub const INTEGRATORS: &[IntegratorInfo] =
-    &[IntegratorInfo { name: "path", summary: "explicit path tracing with multiple importance sampling", settings: path::SETTINGS }];
+pub const INTEGRATORS: &[IntegratorInfo] = &[IntegratorInfo {
+    name: "path",
+    summary: "explicit path tracing with multiple importance sampling",
+    settings: path::SETTINGS,
+}];
 
 impl IntegratorSettings {
     /// Its name.

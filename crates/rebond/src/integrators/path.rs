@@ -117,7 +117,8 @@ impl Shade for Path {
         let diffuse = going_on.and_not(bsdf.is_specular());
         let mut shadow = None;
         if diffuse.any()
-            && let Some(light) = scene.sample_light(surface.p, bsdf.normal(), || u.value(LIGHT_CHOICE), u.pair(LIGHT_POINT), diffuse)
+            && let Some(light) =
+                scene.sample_light(surface.p, bsdf.normal(), || u.value(LIGHT_CHOICE), u.pair(LIGHT_POINT), diffuse)
         {
             let value = bsdf.eval(surface.wo, light.wi, TransportMode::Radiance, diffuse);
             // A light that no direction finds has pdf 0, and this the whole weight.
@@ -128,7 +129,8 @@ impl Shade for Path {
         }
 
         // Lind: a direction of the BSDF.
-        let next = bsdf.sample(surface.wo, u.pair(BSDF_DIRECTION), || u.value(BSDF_CHOICE), TransportMode::Radiance, going_on);
+        let next =
+            bsdf.sample(surface.wo, u.pair(BSDF_DIRECTION), || u.value(BSDF_CHOICE), TransportMode::Radiance, going_on);
         let mut alive = going_on & next.weight.is_lit();
         let pdf = F::select(next.specular, F::splat(f32::INFINITY), next.pdf.0);
         path.go(&surface, bsdf.normal(), &next, pdf);

@@ -54,7 +54,15 @@ impl Observer for Deadline<'_> {
 }
 
 /// Adds samples from index `first` on to a film of the region's size until the budget is used up.
-pub fn render(integrator: &dyn Integrator, film: &mut Film, region: Region, first: u32, budget: &Budget, threads: usize, observer: &dyn Observer) -> RenderStatistics {
+pub fn render(
+    integrator: &dyn Integrator,
+    film: &mut Film,
+    region: Region,
+    first: u32,
+    budget: &Budget,
+    threads: usize,
+    observer: &dyn Observer,
+) -> RenderStatistics {
     let start = Instant::now();
     let end = budget.time.and_then(|t| start.checked_add(t));
     let deadline = Deadline { observer, end, interrupted: AtomicBool::new(false) };

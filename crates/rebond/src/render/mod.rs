@@ -90,7 +90,12 @@ pub enum Engine {
 
 impl Engine {
     /// Makes an estimator an integrator.
-    pub fn integrator<'a, S: Shade + 'a>(self, scene: &'a Scene, sampler: Sampler, shade: S) -> Box<dyn Integrator + 'a> {
+    pub fn integrator<'a, S: Shade + 'a>(
+        self,
+        scene: &'a Scene,
+        sampler: Sampler,
+        shade: S,
+    ) -> Box<dyn Integrator + 'a> {
         match self {
             Self::Wavefront => Box::new(wavefront::Wavefront { scene, sampler, shade }),
             Self::Scalar => Box::new(scalar::Scalar { scene, sampler, shade }),

@@ -43,7 +43,13 @@ pub struct ShadowRay<F: Real> {
 impl<F: Real> ShadowRay<F> {
     /// The ray from a surface to a point on a light, both ends moved off their surfaces; `None` if no lane brings light.
     #[inline(always)]
-    pub fn new(surface: &Surface<F>, light: &EmitterSample<F>, time: F, contribution: Rgb<F>, mask: F::Mask) -> Option<Self> {
+    pub fn new(
+        surface: &Surface<F>,
+        light: &EmitterSample<F>,
+        time: F,
+        contribution: Rgb<F>,
+        mask: F::Mask,
+    ) -> Option<Self> {
         let mask = mask & contribution.is_lit();
         if mask.none() {
             return None;
@@ -174,7 +180,15 @@ path_state! {
 impl<F: Real> PathState<F> {
     /// The path of a sample of the pixel at (x, y), at its first ray.
     #[inline(always)]
-    pub(super) fn start(scene: &Scene, sampler: &Sampler, x: F::Index, y: F::Index, pixel: F::Index, sample: F::Index, slot: F::Index) -> Self {
+    pub(super) fn start(
+        scene: &Scene,
+        sampler: &Sampler,
+        x: F::Index,
+        y: F::Index,
+        pixel: F::Index,
+        sample: F::Index,
+        slot: F::Index,
+    ) -> Self {
         let stream = sampler.stream::<F>(pixel, sample);
         let dimension = |n: u32| F::Index::splat(n);
         let ([fx, fy], weight) = scene.filter().sample(stream.pair(dimension(0)));
@@ -214,7 +228,12 @@ impl<F: Real> PathState<F> {
     /// The present ray.
     #[inline(always)]
     pub fn ray(&self) -> Ray<F> {
-        Ray { o: [self.ox, self.oy, self.oz], d: [self.dx, self.dy, self.dz], tmax: F::splat(f32::INFINITY), time: self.time }
+        Ray {
+            o: [self.ox, self.oy, self.oz],
+            d: [self.dx, self.dy, self.dz],
+            tmax: F::splat(f32::INFINITY),
+            time: self.time,
+        }
     }
 
     /// Its origin.
@@ -250,7 +269,8 @@ impl<F: Real> PathState<F> {
     /// The sample values of this bounce, of which every bounce uses `per_bounce` dimensions.
     #[inline(always)]
     pub fn dimensions(&self, per_bounce: u32) -> Dimensions<F> {
-        let first = (self.depth - F::Index::splat(1)) * F::Index::splat(per_bounce) + F::Index::splat(CAMERA_DIMENSIONS);
+        let first =
+            (self.depth - F::Index::splat(1)) * F::Index::splat(per_bounce) + F::Index::splat(CAMERA_DIMENSIONS);
         Dimensions { stream: self.stream, first }
     }
 

@@ -133,9 +133,8 @@ impl<'a, S: Shade> Worker<'a, S> {
     /// Samples `first..first + n` of a tile, n ≤ 16.
     fn start(&mut self, place: usize, tile: &Tile, first: u32, n: u32) {
         let samples: [_; LANES] = std::array::from_fn(|i| self.tiles.sample(tile, first + (i as u32).min(n - 1)));
-        let gather = |f: &dyn Fn(usize) -> u32| {
-            (0..LANES).fold(<F32x16 as Real>::Index::splat(0), |v, i| v.with_lane(i, f(i)))
-        };
+        let gather =
+            |f: &dyn Fn(usize) -> u32| (0..LANES).fold(<F32x16 as Real>::Index::splat(0), |v, i| v.with_lane(i, f(i)));
         let path = PathState::<F32x16>::start(
             self.engine.scene,
             &self.engine.sampler,

@@ -1,20 +1,20 @@
 //! From a description to a scene: names resolved, transforms multiplied out, tables filled, mistakes found.
 
 use super::description::{
-    CameraDescription, Color, EmitterDescription, Encoding, FovAxis, ImageTexture, LobeForm, MaterialDescription,
-    MaterialRef, Mesh, MeshFile, Metal, SceneDescription, ShapeDescription, Texture,
+    CameraDescription, Color, EmitterDescription, FovAxis, ImageTexture, LobeForm, MaterialDescription, MaterialRef,
+    Mesh, MeshFile, Metal, SceneDescription, ShapeDescription, Texture,
 };
 use super::transform::Motion;
 use super::{
-    BuildError, EMITTER_PER_PRIMITIVE, Features, HAS_NORMALS, HAS_UVS, IS_DISK, IS_SPHERE, MATERIAL_RECORDS, MIX, Scene,
-    SceneStatistics, TWO_SIDED,
+    BuildError, EMITTER_PER_PRIMITIVE, Features, HAS_NORMALS, HAS_UVS, IS_DISK, IS_SPHERE, MATERIAL_RECORDS, MIX,
+    Scene, SceneStatistics, TWO_SIDED,
 };
 use crate::bsdf::{Model, SMOOTH};
 use crate::camera::{Camera, Projection};
 use crate::emitter::{Emitter, Emitters, Environment, EnvironmentImage, LightSampler, NO_EMITTER};
 use crate::film::{Filter, FilterSettings, Image};
 use crate::shape::MeshData;
-use crate::texture::Textures;
+use crate::texture::{Encoding, Textures};
 use glam::{DAffine3, DVec3, Vec3};
 use rebond_bvh::{Accel, BuildOptions, Disk, Geometry, Instance, Sphere};
 use rebond_lanes::Record;
@@ -50,7 +50,7 @@ pub fn build(description: &SceneDescription, resources: &dyn Resources) -> Resul
         let geometry = builder.geometry(shapes, &format!("groups.{name}"), false)?;
         geometries.push(geometry);
     }
-    let mut instances = vec![(0, Motion::rest(DAffine3::IDENTITY))];
+    let mut instances = vec![(0, Motion::rest(DAffine3::IDENTITY), String::new())];
     for (i, shape) in description.shapes.iter().enumerate() {
         if let ShapeDescription::Instance(instance) = shape {
             let path = format!("shapes[{i}]");
@@ -58,11 +58,12 @@ pub fn build(description: &SceneDescription, resources: &dyn Resources) -> Resul
             let (_, number) = group.ok_or_else(|| {
                 unknown(&format!("{path}.group"), "group", &instance.group, description.groups.keys())
             })?;
-            instances.push((*number, instance.to_world.motion(&format!("{path}.to_world"))?));
+            let path = format!("{path}.to_world");
+            instances.push((*number, instance.to_world.motion(&path)?, path));
         }
     }
-    for (geometry, motion) in std::mem::take(&mut builder.apart) {
-        instances.push((geometries.len() as u32, motion));
+    for (geometry, motion, path) in std::mem::take(&mut builder.apart) {
+        instances.push((geometries.len() as u32, motion, path));
         geometries.push(geometry);
     }
     builder.emitters()?;
@@ -75,12 +76,15 @@ fn film_size(description: &SceneDescription) -> Result<[u32; 2]> {
     let film = &description.film;
     for (name, n) in [("width", film.width), ("height", film.height)] {
         if n == 0 || n > 65_536 {
-            let error = BuildError::new(format!("film.{name}"), format!("a film {n} pixels {}", if name == "width" { "wide" } else { "high" }));
+            let error = BuildError::new(
+                format!("film.{name}"),
+                format!("a film {n} pixels {}", if name == "width" { "wide" } else { "high" }),
+            );
             return Err(error.help("give a size from 1 to 65536"));
         }
     }
     if u64::from(film.width) * u64::from(film.height) > 1 << 28 {
-        return Err(BuildError::new("film", "a film of more than 2^28 pixels").help("render it in parts with --crop"));
+        return Err(BuildError::new("film", "a film of more than 2^28 pixels").help("the largest square has a side of 16384"));
     }
     Ok([film.width, film.height])
 }
@@ -131,11 +135,16 @@ fn reflectance(path: &str, c: Color) -> Result<[f32; 3]> {
     if c.0.iter().all(|x| (0.0..=1.0).contains(x)) {
         return Ok(c.0);
     }
-    Err(BuildError::new(path, "a reflectance lies within [0, 1]").help("a surface cannot reflect more light than it receives"))
+    Err(BuildError::new(path, "a reflectance lies within [0, 1]")
+        .help("a surface cannot reflect more light than it receives"))
 }
 
 fn finite_point(path: &str, p: [f32; 3]) -> Result<Vec3> {
-    if p.iter().all(|x| x.is_finite()) { Ok(Vec3::from(p)) } else { Err(BuildError::new(path, "a coordinate is not finite")) }
+    if p.iter().all(|x| x.is_finite()) {
+        Ok(Vec3::from(p))
+    } else {
+        Err(BuildError::new(path, "a coordinate is not finite"))
+    }
 }
 
 fn camera(description: &CameraDescription, size: [u32; 2]) -> Result<Camera> {
@@ -143,7 +152,8 @@ fn camera(description: &CameraDescription, size: [u32; 2]) -> Result<Camera> {
     let (w, h) = (size[0] as f32, size[1] as f32);
     let extent = |fov: f32, axis: FovAxis| -> Result<[f32; 2]> {
         if !(fov > 0.0 && fov < 180.0) {
-            return Err(BuildError::new("camera.fov", format!("{fov} is no field of view")).help("give degrees between 0 and 180"));
+            return Err(BuildError::new("camera.fov", format!("{fov} is no field of view"))
+                .help("give degrees between 0 and 180"));
         }
         let half = (fov.to_radians() / 2.0).tan();
         let along_x = match axis {
@@ -160,8 +170,17 @@ fn camera(description: &CameraDescription, size: [u32; 2]) -> Result<Camera> {
         }
         ThinLens { to_world, fov, fov_axis, aperture_radius, focus_distance, shutter_open, shutter_close } => {
             let radius = number("camera.aperture_radius", *aperture_radius, 0.0..=f32::MAX, "radius of a lens")?;
-            let focus = number("camera.focus_distance", *focus_distance, f32::MIN_POSITIVE..=f32::MAX, "distance in front of a lens")?;
-            (Projection::ThinLens { extent: extent(*fov, *fov_axis)?, radius, focus }, to_world, [*shutter_open, *shutter_close])
+            let focus = number(
+                "camera.focus_distance",
+                *focus_distance,
+                f32::MIN_POSITIVE..=f32::MAX,
+                "distance in front of a lens",
+            )?;
+            (
+                Projection::ThinLens { extent: extent(*fov, *fov_axis)?, radius, focus },
+                to_world,
+                [*shutter_open, *shutter_close],
+            )
         }
         Orthographic { to_world, shutter_open, shutter_close } => {
             (Projection::Orthographic { extent: [1.0, h / w] }, to_world, [*shutter_open, *shutter_close])
@@ -197,7 +216,7 @@ struct Builder<'a> {
     emitters: Vec<Emitter>,
     environments: Vec<Environment>,
     /// Shapes that need an instance of their own: moving ones, and round ones that are stretched.
-    apart: Vec<(Part, Motion)>,
+    apart: Vec<(Part, Motion, String)>,
     /// Emissive round and mesh shapes: (shape record, primitives before its part).
     warnings: Vec<String>,
     primitives_before: u32,
@@ -242,9 +261,13 @@ impl<'a> Builder<'a> {
                     return Ok(*number);
                 }
                 let found = self.description.materials.get_key_value(name);
-                let (name, m) = found.ok_or_else(|| unknown(path, "material", name, self.description.materials.keys()))?;
+                let (name, m) =
+                    found.ok_or_else(|| unknown(path, "material", name, self.description.materials.keys()))?;
                 if depth > 16 {
-                    return Err(BuildError::new(path, format!("the material \"{name}\" contains itself, or is nested too deeply")));
+                    return Err(BuildError::new(
+                        path,
+                        format!("the material \"{name}\" contains itself, or is nested too deeply"),
+                    ));
                 }
                 let number = self.material(&format!("materials.{name}"), m, depth + 1)?;
                 self.named.insert(name, number);
@@ -294,7 +317,8 @@ impl<'a> Builder<'a> {
 
     fn image(&self, path: &str, file: &str, encoding: Encoding) -> Result<([u32; 2], Vec<[f32; 3]>)> {
         let image = self.resources.image(file, encoding).map_err(|e| BuildError::new(path, e))?;
-        let texels = image.rgb("").ok_or_else(|| BuildError::new(path, format!("\"{file}\" has no colour channels")))?;
+        let texels =
+            image.rgb("").ok_or_else(|| BuildError::new(path, format!("\"{file}\" has no colour channels")))?;
         if texels.is_empty() {
             return Err(BuildError::new(path, format!("\"{file}\" is empty")));
         }
@@ -330,13 +354,21 @@ impl<'a> Builder<'a> {
             M::Conductor { metal, eta, k, alpha, alpha_u, alpha_v, tint } => {
                 let (eta, k) = match (metal, eta, k) {
                     (Some(metal), None, None) => index_of(*metal),
-                    (None, Some(eta), Some(k)) => (light(&format!("{path}.eta"), *eta)?, light(&format!("{path}.k"), *k)?),
+                    (None, Some(eta), Some(k)) => {
+                        (light(&format!("{path}.eta"), *eta)?, light(&format!("{path}.k"), *k)?)
+                    }
                     (None, None, None) => index_of(Metal::Aluminium),
                     _ => return Err(BuildError::new(path, "a conductor needs either `metal`, or both `eta` and `k`")),
                 };
                 let [u, v] = self.roughness(path, *alpha, *alpha_u, *alpha_v)?;
                 let model = if u.max(v) < SMOOTH { Model::Conductor } else { Model::RoughConductor };
-                self.simple(model, path, "tint", tint, [eta[0], eta[1], eta[2], k[0], k[1], k[2], u.max(SMOOTH), v.max(SMOOTH)])
+                self.simple(
+                    model,
+                    path,
+                    "tint",
+                    tint,
+                    [eta[0], eta[1], eta[2], k[0], k[1], k[2], u.max(SMOOTH), v.max(SMOOTH)],
+                )
             }
             M::Phong { reflectance, exponent, form } => {
                 let model = if *form == LobeForm::Lecture { Model::PhongLecture } else { Model::Phong };
@@ -353,7 +385,8 @@ impl<'a> Builder<'a> {
                 for (key, part) in [("a", a), ("b", b)] {
                     if self.head(part)[0] == TWO_SIDED {
                         let error = BuildError::new(format!("{path}.{key}"), "a two-sided material within a mix");
-                        return Err(error.help("make the mix two-sided: the front and back of a two-sided material may be mixes"));
+                        return Err(error
+                            .help("make the mix two-sided: the front and back of a two-sided material may be mixes"));
                     }
                 }
                 self.features.mixes = true;
@@ -375,7 +408,8 @@ impl<'a> Builder<'a> {
     }
 
     fn lobe(&mut self, model: Model, path: &str, reflectance: &Texture, exponent: f32) -> Result<u32> {
-        let r = number(&format!("{path}.exponent"), exponent, 0.0..=1e6, "exponent of a lobe; it lies within [0, 1e6]")?;
+        let r =
+            number(&format!("{path}.exponent"), exponent, 0.0..=1e6, "exponent of a lobe; it lies within [0, 1e6]")?;
         self.simple(model, path, "reflectance", reflectance, [r, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     }
 
@@ -431,7 +465,9 @@ impl<'a> Builder<'a> {
         let round = matches!(shape, S::Sphere(_) | S::Disk(_));
         let motion = to_world.motion(&format!("{path}.to_world"))?;
         let placement = match motion.at_rest() {
-            Some(m) if !m.is_finite() => return Err(BuildError::new(format!("{path}.to_world"), "the transform is not finite")),
+            Some(m) if !m.is_finite() => {
+                return Err(BuildError::new(format!("{path}.to_world"), "the transform is not finite"));
+            }
             Some(m) if !round || is_similarity(m) => Placement { baked: *m, motion: None },
             _ => Placement { baked: DAffine3::IDENTITY, motion: Some(motion.clone()) },
         };
@@ -456,10 +492,16 @@ impl<'a> Builder<'a> {
         let target = if apart { &mut own } else { part };
         match shape {
             S::Mesh(mesh) => self.mesh(target, mesh_in_place(mesh, path)?, &placement, &look, false)?,
-            S::Obj(file) => self.mesh(target, self.mesh_file(file, MeshSource::Obj, path)?, &placement, &look, false)?,
-            S::Ply(file) => self.mesh(target, self.mesh_file(file, MeshSource::Ply, path)?, &placement, &look, false)?,
+            S::Obj(file) => {
+                self.mesh(target, self.mesh_file(file, MeshSource::Obj, path)?, &placement, &look, false)?
+            }
+            S::Ply(file) => {
+                self.mesh(target, self.mesh_file(file, MeshSource::Ply, path)?, &placement, &look, false)?
+            }
             S::Cube(s) => self.mesh(target, flipped(MeshData::cube(), s.flip_normals), &placement, &look, false)?,
-            S::Rectangle(s) => self.mesh(target, flipped(MeshData::rectangle(), s.flip_normals), &placement, &look, true)?,
+            S::Rectangle(s) => {
+                self.mesh(target, flipped(MeshData::rectangle(), s.flip_normals), &placement, &look, true)?
+            }
             S::Sphere(s) => {
                 let center = finite_point(&format!("{path}.center"), s.center)?;
                 if !(s.radius.is_finite() && s.radius > 0.0) {
@@ -471,7 +513,7 @@ impl<'a> Builder<'a> {
             S::Instance(_) => {}
         }
         if let Some(motion) = placement.motion {
-            self.apart.push((own, motion));
+            self.apart.push((own, motion, format!("{path}.to_world")));
         }
         Ok(())
     }
@@ -489,7 +531,11 @@ impl<'a> Builder<'a> {
         let path = format!("{path}.file");
         let mut mesh = self.resources.mesh(&file.file, source).map_err(|e| BuildError::new(&path, e))?;
         if let Some(face) = mesh.triangles.iter().position(|t| t.iter().any(|i| *i as usize >= mesh.positions.len())) {
-            let message = format!("triangle {face} of \"{}\" names a vertex beyond the {} there are", file.file, mesh.positions.len());
+            let message = format!(
+                "triangle {face} of \"{}\" names a vertex beyond the {} there are",
+                file.file,
+                mesh.positions.len()
+            );
             return Err(BuildError::new(path, message));
         }
         if file.face_normals {
@@ -505,7 +551,14 @@ impl<'a> Builder<'a> {
         self.shapes.len() as u32 - 1
     }
 
-    fn mesh(&mut self, part: &mut Part, mesh: MeshData, placement: &Placement, look: &Look, parallelogram: bool) -> Result<()> {
+    fn mesh(
+        &mut self,
+        part: &mut Part,
+        mesh: MeshData,
+        placement: &Placement,
+        look: &Look,
+        parallelogram: bool,
+    ) -> Result<()> {
         let m = placement.baked;
         let mirrored = m.matrix3.determinant() < 0.0;
         let to_world = |p: [f32; 3]| m.transform_point3(DVec3::from(p.map(f64::from))).as_vec3();
@@ -549,11 +602,21 @@ impl<'a> Builder<'a> {
             let (e1, e2) = (b - a, c - a);
             let twice = e1.cross(e2).length();
             area += if twice.is_finite() { twice } else { 0.0 };
-            emitters.push(Emitter::Triangle { p: [a, e1, e2], radiance: if twice.is_finite() && twice > 0.0 { radiance } else { [0.0; 3] } });
+            emitters.push(Emitter::Triangle {
+                p: [a, e1, e2],
+                radiance: if twice.is_finite() && twice > 0.0 { radiance } else { [0.0; 3] },
+            });
         }
         if parallelogram {
             // The two triangles share their diagonal: the corner before it and the two beside are the parallelogram.
-            let [a, b, c] = if mirrored { [1, 0, 2] } else if mesh.triangles[0] == [0, 1, 2] { [1, 2, 0] } else { [1, 0, 2] }.map(corner);
+            let [a, b, c] = if mirrored {
+                [1, 0, 2]
+            } else if mesh.triangles[0] == [0, 1, 2] {
+                [1, 2, 0]
+            } else {
+                [1, 0, 2]
+            }
+            .map(corner);
             emitters = vec![Emitter::Parallelogram { p: [a, b - a, c - a], radiance }];
         }
         if !(area > 0.0) {
@@ -565,7 +628,16 @@ impl<'a> Builder<'a> {
     }
 
     #[expect(clippy::too_many_arguments)]
-    fn round(&mut self, part: &mut Part, center: Vec3, radius: f32, flip: bool, placement: &Placement, look: &Look, sphere: bool) -> Result<()> {
+    fn round(
+        &mut self,
+        part: &mut Part,
+        center: Vec3,
+        radius: f32,
+        flip: bool,
+        placement: &Placement,
+        look: &Look,
+        sphere: bool,
+    ) -> Result<()> {
         let m = placement.baked;
         let scale = m.matrix3.determinant().abs().cbrt();
         let center = m.transform_point3(center.as_dvec3()).as_vec3();
@@ -610,7 +682,12 @@ impl<'a> Builder<'a> {
                 EmitterDescription::Spot { to_world, intensity, cutoff_angle, beam_width } => {
                     let m = to_world.matrix(&at("to_world"), "a spot")?;
                     let outer = number(&at("cutoff_angle"), *cutoff_angle, 1e-3..=180.0, "angle of a spot")?;
-                    let inner = number(&at("beam_width"), beam_width.unwrap_or(0.75 * outer), 0.0..=outer, "beam within the cutoff")?;
+                    let inner = number(
+                        &at("beam_width"),
+                        beam_width.unwrap_or(0.75 * outer),
+                        0.0..=outer,
+                        "beam within the cutoff",
+                    )?;
                     Emitter::Spot {
                         position: m.translation.as_vec3(),
                         axis: (m.matrix3 * DVec3::Z).normalize().as_vec3(),
@@ -620,7 +697,8 @@ impl<'a> Builder<'a> {
                 }
                 EmitterDescription::Directional { direction, irradiance } => {
                     let direction = finite_point(&at("direction"), *direction)?.try_normalize();
-                    let direction = direction.ok_or_else(|| BuildError::new(at("direction"), "the direction is zero"))?;
+                    let direction =
+                        direction.ok_or_else(|| BuildError::new(at("direction"), "the direction is zero"))?;
                     Emitter::Directional { direction, irradiance: light(&at("irradiance"), *irradiance)? }
                 }
                 EmitterDescription::Constant { radiance } => {
@@ -644,7 +722,13 @@ impl<'a> Builder<'a> {
         Emitter::Environment { number: number as u32, mean: self.environments[number].mean() }
     }
 
-    fn envmap(&self, path: &str, file: &str, scale: f32, to_world: &super::description::Transform) -> Result<Environment> {
+    fn envmap(
+        &self,
+        path: &str,
+        file: &str,
+        scale: f32,
+        to_world: &super::description::Transform,
+    ) -> Result<Environment> {
         let at = |key: &str| format!("{path}.{key}");
         let m = to_world.matrix(&at("to_world"), "an environment")?.matrix3;
         let scale = number(&at("scale"), scale, 0.0..=f32::MAX, "factor on light")?;
@@ -664,7 +748,14 @@ impl<'a> Builder<'a> {
 
     // ---- the whole ----
 
-    fn finish(mut self, parts: Vec<Part>, placed: Vec<(u32, Motion)>, camera: Camera, filter: Filter) -> Result<Scene> {
+    /// `placed` are the instances of `parts`: which part, where, and the path of that transform in the description.
+    fn finish(
+        mut self,
+        parts: Vec<Part>,
+        placed: Vec<(u32, Motion, String)>,
+        camera: Camera,
+        filter: Filter,
+    ) -> Result<Scene> {
         let mut primitives = Vec::new();
         let mut geometries = Vec::new();
         for part in parts {
@@ -672,10 +763,13 @@ impl<'a> Builder<'a> {
             geometries.push(part.geometry);
         }
         self.features.instances = placed.len() > 1;
-        let instances: Vec<Instance> = placed.iter().map(|(geometry, motion)| {
-            let keyframes = motion.0.iter().map(|(t, m)| (*t, rows(m))).collect();
-            Instance { geometry: *geometry, keyframes }
-        }).collect();
+        let instances: Vec<Instance> = placed
+            .iter()
+            .map(|(geometry, motion, _)| {
+                let keyframes = motion.0.iter().map(|(t, m)| (*t, rows(m))).collect();
+                Instance { geometry: *geometry, keyframes }
+            })
+            .collect();
         let (instance_records, instance_keyframes) = instance_table(&instances);
         let count = |f: fn(&Geometry) -> usize| geometries.iter().map(|g| f(g) as u64).sum::<u64>();
         let mut statistics = SceneStatistics {
@@ -688,10 +782,13 @@ impl<'a> Builder<'a> {
         };
         let start = std::time::Instant::now();
         let (accel, report) = Accel::build(geometries, instances, &BuildOptions::default())
-            .map_err(|e| BuildError::new("shapes", e.to_string()))?;
+            .map_err(|e| accelerator_error(e, &placed))?;
         statistics.accelerator_seconds = start.elapsed().as_secs_f64();
         statistics.accelerator_bytes = report.bytes;
-        for (n, what) in [(report.degenerate_triangles, "have no area"), (report.non_finite_triangles, "have a corner that is not finite")] {
+        for (n, what) in [
+            (report.degenerate_triangles, "have no area"),
+            (report.non_finite_triangles, "have a corner that is not finite"),
+        ] {
             if n > 0 {
                 self.warnings.push(format!("{n} triangles {what}: skipped"));
             }
@@ -730,6 +827,17 @@ impl<'a> Builder<'a> {
             statistics,
         })
     }
+}
+
+/// What a scene file has to do with an error of the accelerator.
+fn accelerator_error(error: rebond_bvh::BuildError, placed: &[(u32, Motion, String)]) -> BuildError {
+    use rebond_bvh::BuildError::{NonFiniteMatrix, SingularMatrix};
+    let (instance, message) = match error {
+        SingularMatrix { instance } => (instance, "the transform flattens the shape, at all times or at one"),
+        NonFiniteMatrix { instance } => (instance, "the transform is not finite"),
+        other => return BuildError::new("shapes", other.to_string()),
+    };
+    BuildError::new(placed.get(instance).map_or("shapes", |(_, _, path)| path), message)
 }
 
 impl Part {
@@ -785,12 +893,20 @@ fn mesh_in_place(mesh: &Mesh, path: &str) -> Result<MeshData> {
         let place = format!("{path}.faces[{i}]");
         if let Some(bad) = face.iter().find(|v| **v as usize >= n) {
             let error = BuildError::new(place, format!("vertex {bad} of a mesh that has {n}"));
-            return Err(error.help(if n == 0 { "give `positions`".into() } else { format!("vertices count from 0 to {}", n - 1) }));
+            return Err(error.help(if n == 0 {
+                "give `positions`".into()
+            } else {
+                format!("vertices count from 0 to {}", n - 1)
+            }));
         }
         match face[..] {
             [a, b, c] => triangles.push([a, b, c]),
             [a, b, c, d] => triangles.extend([[a, b, c], [a, c, d]]),
-            _ => return Err(BuildError::new(place, format!("a face of {} vertices", face.len())).help("give three or four")),
+            _ => {
+                return Err(
+                    BuildError::new(place, format!("a face of {} vertices", face.len())).help("give three or four")
+                );
+            }
         }
     }
     let fits = |key: &str, length: Option<usize>| match length {

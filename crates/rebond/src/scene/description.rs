@@ -8,6 +8,7 @@
 use crate::film::FilterSettings;
 use crate::integrators::IntegratorSettings;
 use crate::sampling::SamplerSettings;
+use crate::texture::{Encoding, TextureFilter, Wrap};
 use serde::de::{self, Deserializer, MapAccess, SeqAccess, Visitor, value::MapAccessDeserializer};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -147,39 +148,6 @@ impl Default for CameraDescription {
 /// A linear Rec. 709 colour, written as `[r, g, b]` or as one number.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Color(pub [f32; 3]);
-
-/// How the numbers of an image file stand for colours.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Encoding {
-    /// By the file: 8 and 16-bit files are sRGB, floating-point files linear.
-    #[default]
-    Auto,
-    /// Linear, whatever the file.
-    Linear,
-}
-
-/// What a texture is outside of the unit square.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Wrap {
-    /// Repeated.
-    #[default]
-    Repeat,
-    /// Its own edge.
-    Clamp,
-}
-
-/// How a texture is looked up between its texels.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum TextureFilter {
-    /// Interpolated linearly in both directions.
-    #[default]
-    Bilinear,
-    /// The nearest texel.
-    Nearest,
-}
 
 /// An image spread over a surface's UV coordinates, (0, 0) at its lower left.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

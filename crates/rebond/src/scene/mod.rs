@@ -184,7 +184,14 @@ impl Scene {
     /// Light for a point `p` with normal `n`: from one emitter, chosen by `choice`, weighed for all; its `pdf` is that
     /// of the choice and the direction together. `None` in a scene without light.
     #[inline(always)]
-    pub fn sample_light<F: Real>(&self, p: Vec3<F>, n: Vec3<F>, choice: impl FnOnce() -> F, u: [F; 2], mask: F::Mask) -> Option<EmitterSample<F>> {
+    pub fn sample_light<F: Real>(
+        &self,
+        p: Vec3<F>,
+        n: Vec3<F>,
+        choice: impl FnOnce() -> F,
+        u: [F; 2],
+        mask: F::Mask,
+    ) -> Option<EmitterSample<F>> {
         let (emitter, probability) = self.light_sampler.sample(p, n, choice)?;
         let mut sample = self.emitters.sample(emitter, p, u, mask);
         sample.weight = sample.weight * probability.recip();

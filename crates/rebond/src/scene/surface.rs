@@ -1,8 +1,6 @@
 //! From a hit to a point on a surface, with a bound of its error.
 
-use super::{
-    EMITTER_PER_PRIMITIVE, HAS_NORMALS, HAS_UVS, IS_DISK, IS_SPHERE, Scene, shading_frame,
-};
+use super::{EMITTER_PER_PRIMITIVE, HAS_NORMALS, HAS_UVS, IS_DISK, IS_SPHERE, Scene, shading_frame};
 use crate::emitter::{NO_EMITTER, POINT_ERROR};
 use crate::math::{Frame, Vec3, offset_from_surface, vec3};
 use rebond_bvh::{Hit, Ray};
@@ -101,7 +99,14 @@ pub fn surface<F: Real>(scene: &Scene, ray: &Ray<F>, hit: &Hit<F>, mask: F::Mask
 }
 
 #[inline(always)]
-fn triangle<F: Real>(scene: &Scene, hit: &Hit<F>, corners: &[F::Index; 4], has_normals: F::Mask, has_uvs: F::Mask, other: F::Mask) -> Local<F> {
+fn triangle<F: Real>(
+    scene: &Scene,
+    hit: &Hit<F>,
+    corners: &[F::Index; 4],
+    has_normals: F::Mask,
+    has_uvs: F::Mask,
+    other: F::Mask,
+) -> Local<F> {
     if scene.vertices.is_empty() || other.all() {
         let z = Vec3::splat([0.0, 0.0, 1.0]);
         return Local { p: Vec3::zero(), error: F::zero(), ng: z, ns: z, tangent: z, uv: [F::zero(); 2] };
@@ -143,11 +148,22 @@ fn triangle<F: Real>(scene: &Scene, hit: &Hit<F>, corners: &[F::Index; 4], has_n
 
 /// A sphere or a disk.
 #[inline(always)]
-fn round<F: Real>(scene: &Scene, ray: &Ray<F>, hit: &Hit<F>, place: F::Index, sphere: F::Mask, mask: F::Mask, matrix: Option<&Placed<F>>) -> Local<F> {
+fn round<F: Real>(
+    scene: &Scene,
+    ray: &Ray<F>,
+    hit: &Hit<F>,
+    place: F::Index,
+    sphere: F::Mask,
+    mask: F::Mask,
+    matrix: Option<&Placed<F>>,
+) -> Local<F> {
     let place = F::Index::select(mask, place, F::Index::splat(0));
     let record = |n: u32| F::record(&scene.analytic, place + F::Index::splat(n));
     let ([cx, cy, cz, radius], [sx, sy, sz, sign], [nx, ny, nz, _]) = (record(0), record(1), record(2));
-    let (center, axes) = (vec3(cx, cy, cz), Frame { s: vec3(sx, sy, sz), t: vec3(nx, ny, nz).cross(vec3(sx, sy, sz)), n: vec3(nx, ny, nz) });
+    let (center, axes) = (
+        vec3(cx, cy, cz),
+        Frame { s: vec3(sx, sy, sz), t: vec3(nx, ny, nz).cross(vec3(sx, sy, sz)), n: vec3(nx, ny, nz) },
+    );
     let (o, d) = (Vec3 { x: ray.o[0], y: ray.o[1], z: ray.o[2] }, Vec3 { x: ray.d[0], y: ray.d[1], z: ray.d[2] });
     let along = d.mul_add(hit.t, o);
     let along = matrix.map_or(along, |m| m.to_object(along));
@@ -231,7 +247,8 @@ impl<F: Real> Placed<F> {
         // Normals go by the transposed inverse; outwards stays outwards if the matrix mirrors.
         let (cofactors, determinant) = self.cofactors();
         let sign = F::one().copy_sign(determinant);
-        let normal = |n: Vec3<F>| vec3(cofactors[0].dot(n), cofactors[1].dot(n), cofactors[2].dot(n)).normalized() * sign;
+        let normal =
+            |n: Vec3<F>| vec3(cofactors[0].dot(n), cofactors[1].dot(n), cofactors[2].dot(n)).normalized() * sign;
         let stretch = [0, 1, 2].map(|r| {
             let row = self.linear(r);
             row.x.abs() + row.y.abs() + row.z.abs()

@@ -66,13 +66,16 @@ impl TransformStep {
         }
         if let Some(r) = self.rotate {
             let axis = vector(r.axis).try_normalize();
-            let axis = axis.ok_or_else(|| BuildError::new(format!("{path}.rotate.axis"), "the axis of a rotation is zero"))?;
+            let axis =
+                axis.ok_or_else(|| BuildError::new(format!("{path}.rotate.axis"), "the axis of a rotation is zero"))?;
             given.push(DAffine3::from_axis_angle(axis, f64::from(r.angle).to_radians()));
         }
         if let Some(l) = self.look_at {
             let (origin, place) = (vector(l.origin), format!("{path}.look_at"));
             let z = (vector(l.target) - origin).try_normalize();
-            let z = z.ok_or_else(|| BuildError::new(format!("{place}.target"), "`target` and `origin` are the same point"))?;
+            let z = z.ok_or_else(|| {
+                BuildError::new(format!("{place}.target"), "`target` and `origin` are the same point")
+            })?;
             let x = vector(l.up).cross(z).try_normalize();
             let parallel = || BuildError::new(format!("{place}.up"), "`up` is zero or along the direction of view");
             let x = x.ok_or_else(parallel)?;
@@ -83,7 +86,11 @@ impl TransformStep {
         }
         if let Some(keyframes) = &self.keyframes {
             let path = format!("{path}.keyframes");
-            return if given.is_empty() { keyframed(keyframes, &path) } else { Err(BuildError::new(path, one_at_most)) };
+            return if given.is_empty() {
+                keyframed(keyframes, &path)
+            } else {
+                Err(BuildError::new(path, one_at_most))
+            };
         }
         match given[..] {
             [m] => Ok(Motion::rest(m)),
@@ -127,7 +134,8 @@ fn keyframed(keyframes: &[Keyframe], path: &str) -> Result<Motion, BuildError> {
             let pieces = (turn(r0, r1) / LARGEST_TURN).ceil().max(1.0) as u32;
             for piece in 1..pieces {
                 let x = f64::from(piece) / f64::from(pieces);
-                let between = DAffine3::from_scale_rotation_translation(s0.lerp(s1, x), r0.slerp(r1, x), t0.lerp(t1, x));
+                let between =
+                    DAffine3::from_scale_rotation_translation(s0.lerp(s1, x), r0.slerp(r1, x), t0.lerp(t1, x));
                 motion.push((time + (k.time - time) * x as f32, between));
             }
         }

@@ -1,7 +1,40 @@
 //! Images spread over surfaces.
 
-use crate::scene::description::{TextureFilter, Wrap};
 use rebond_lanes::{Index, Real, Record};
+use serde::{Deserialize, Serialize};
+
+/// How the numbers of an image file stand for colours.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Encoding {
+    /// By the file: 8 and 16-bit files are sRGB, floating-point files linear.
+    #[default]
+    Auto,
+    /// Linear, whatever the file.
+    Linear,
+}
+
+/// What a texture is outside of the unit square.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Wrap {
+    /// Repeated.
+    #[default]
+    Repeat,
+    /// Its own edge.
+    Clamp,
+}
+
+/// How a texture is looked up between its texels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TextureFilter {
+    /// Interpolated linearly in both directions.
+    #[default]
+    Bilinear,
+    /// The nearest texel.
+    Nearest,
+}
 
 /// All textures of a scene, texel after texel.
 #[derive(Clone, Debug, Default)]
@@ -17,9 +50,17 @@ const RECORDS: u32 = 2;
 
 impl Textures {
     /// Adds an image (linear RGB, row by row from the top) and returns its number.
-    pub fn add(&mut self, size: [u32; 2], texels: &[[f32; 3]], wrap: Wrap, filter: TextureFilter, repeat: [f32; 2]) -> u32 {
+    pub fn add(
+        &mut self,
+        size: [u32; 2],
+        texels: &[[f32; 3]],
+        wrap: Wrap,
+        filter: TextureFilter,
+        repeat: [f32; 2],
+    ) -> u32 {
         let number = self.table.len() as u32 / RECORDS;
-        let flags = if wrap == Wrap::Clamp { CLAMP } else { 0 } | if filter == TextureFilter::Nearest { NEAREST } else { 0 };
+        let flags =
+            if wrap == Wrap::Clamp { CLAMP } else { 0 } | if filter == TextureFilter::Nearest { NEAREST } else { 0 };
         self.table.push(Record::words([self.texels.len() as u32, size[0], size[1], flags]));
         self.table.push(Record([repeat[0], repeat[1], 0.0, 0.0]));
         self.texels.extend(texels.iter().map(|t| Record([t[0], t[1], t[2], 0.0])));
@@ -58,7 +99,9 @@ impl Textures {
             let edge = i.max(F::zero()).min(n - 1.0);
             F::select(clamp, edge, around.max(F::zero()).min(n - 1.0)).to_index()
         };
-        let texel = |x: F, y: F| crate::math::Rgb::of_record(F::record(&self.texels, start + inside(y, h) * width + inside(x, w)));
+        let texel = |x: F, y: F| {
+            crate::math::Rgb::of_record(F::record(&self.texels, start + inside(y, h) * width + inside(x, w)))
+        };
         let row = |y: F| texel(x0, y) * (F::one() - fx) + texel(x0 + 1.0, y) * fx;
         row(y0) * (F::one() - fy) + row(y0 + 1.0) * fy
     }
@@ -79,7 +122,10 @@ mod tests {
         let nearest = textures.add([2, 2], &texels, Wrap::Clamp, TextureFilter::Nearest, [1.0; 2]);
         let eval = |t: u32, u: f32, v: f32| textures.eval(Index1(t), [u, v]).r;
         for t in [bilinear, nearest] {
-            assert_eq!([eval(t, 0.25, 0.75), eval(t, 0.75, 0.75), eval(t, 0.25, 0.25), eval(t, 0.75, 0.25)], [0.0, 1.0, 2.0, 3.0]);
+            assert_eq!(
+                [eval(t, 0.25, 0.75), eval(t, 0.75, 0.75), eval(t, 0.25, 0.25), eval(t, 0.75, 0.25)],
+                [0.0, 1.0, 2.0, 3.0]
+            );
         }
         assert_eq!(eval(bilinear, 0.5, 0.5), 1.5);
         assert_eq!(eval(bilinear, 0.0, 0.25), 2.5, "repeats from the other edge");

@@ -1,0 +1,278 @@
+//! Renders whose answer is known: by theory, by another engine, or by themselves in another order.
+
+use rebond::compare::{Estimate, welch};
+use rebond::film::{Film, Image};
+use rebond::integrators::IntegratorSettings;
+use rebond::render::{Budget, Engine, Pass, Region, render};
+use rebond::sampling::{Sampler, SamplerSettings};
+use rebond_io::{BUILT_IN_SCENES, SceneFiles, SceneSource, from_settings};
+use statrs::distribution::{ContinuousCDF, StudentsT};
+use std::sync::Mutex;
+
+const LEVEL: f64 = 0.01;
+
+fn settings(text: &str) -> IntegratorSettings {
+    from_settings(text).expect("settings").0
+}
+
+fn parse(text: &str) -> SceneSource {
+    SceneSource::parse(text, "test.toml", "test", SceneFiles::BuiltIn).expect("a scene")
+}
+
+fn small(name: &str, size: [u32; 2]) -> SceneSource {
+    let mut source = SceneSource::open(name).expect("a built-in scene");
+    (source.description.film.width, source.description.film.height) = (size[0], size[1]);
+    source
+}
+
+struct Job {
+    engine: Engine,
+    sampler: SamplerSettings,
+    seed: u64,
+    samples: std::ops::Range<u32>,
+    threads: usize,
+}
+
+impl Default for Job {
+    fn default() -> Self {
+        let (engine, sampler) = (Engine::Wavefront, SamplerSettings::default());
+        Self { engine, sampler, seed: 1, samples: 0..16, threads: 2 }
+    }
+}
+
+fn film(source: &SceneSource, integrator: &str, job: &Job) -> Film {
+    let scene = source.build().expect("a good scene");
+    let integrator = settings(integrator).integrator(&scene, Sampler::new(job.sampler, job.seed), job.engine);
+    let [width, height] = [source.description.film.width, source.description.film.height];
+    let mut film = Film::new(width, height);
+    let budget = Budget { samples: Some(job.samples.len() as u32), ..Budget::default() };
+    render(&*integrator, &mut film, Region::whole(width, height), job.samples.start, &budget, job.threads, &());
+    assert_eq!(film.dropped_samples(), 0);
+    film
+}
+
+/// The two-sided chance of a mean this far from `expected`. Pixels are independent: their samples hang on their numbers.
+fn t_test(film: &Film, expected: f64) -> (f64, f64) {
+    let values: Vec<f64> = film.pixels().iter().map(|p| p.mean()[1]).collect();
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    let variance = values.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (n - 1.0);
+    if variance == 0.0 {
+        // Every pixel is the same number: then it is the right one or not.
+        return (mean, if (mean - expected).abs() <= 1e-6 * expected { 1.0 } else { 0.0 });
+    }
+    let t = (mean - expected) / (variance / n).sqrt();
+    (mean, 2.0 * StudentsT::new(0.0, 1.0, n - 1.0).expect("degrees").sf(t.abs()))
+}
+
+/// Inside a sphere that shines with 1 and reflects ρ, L = 1 / (1 − ρ) everywhere.
+#[test]
+fn furnace_is_one_over_one_minus_albedo() {
+    for albedo in [0.5, 0.8] {
+        for (engine, sampler) in
+            [(Engine::Wavefront, SamplerSettings::Sobol {}), (Engine::Scalar, SamplerSettings::Independent {})]
+        {
+            let text = BUILT_IN_SCENES.iter().find(|b| b.name == "furnace").expect("built in").text;
+            let mut source = parse(&text.replace("reflectance = 0.5", &format!("reflectance = {albedo}")));
+            (source.description.film.width, source.description.film.height) = (64, 64);
+            let film = film(&source, "path", &Job { engine, sampler, samples: 0..64, ..Job::default() });
+            let (mean, p) = t_test(&film, 1.0 / (1.0 - albedo));
+            assert!(p > LEVEL, "albedo {albedo}, {engine:?}: mean {mean}, p = {p}");
+        }
+    }
+}
+
+/// Cut off at depth d, the furnace is the partial sum 1 + ρ + … + ρ^(d−1).
+#[test]
+fn depth_counts_segments() {
+    for depth in 1..=4 {
+        let source = small("furnace", [48, 48]);
+        let film = film(&source, &format!("path:max_depth={depth}"), &Job { samples: 0..64, ..Job::default() });
+        let expected = (1.0 - 0.5_f64.powi(depth)) / 0.5;
+        let (mean, p) = t_test(&film, expected);
+        assert!(p > LEVEL, "depth {depth}: mean {mean} for {expected}, p = {p}");
+    }
+}
+
+/// (I/d²)(ρ/π) cosθ at the point of the plane that each pixel sees, to 1e-5.
+#[test]
+fn a_point_light_over_a_plane_is_exact() {
+    let source = parse(
+        r#"
+        film = { width = 16, height = 16, filter = { type = "box", radius = 1e-6 } }
+        integrator = { type = "path", max_depth = 2 }
+        [camera]
+        type = "orthographic"
+        to_world = [{ scale = 2 }, { look_at = { origin = [0, 0, 5], target = [0, 0, 0], up = [0, 1, 0] } }]
+        [[shapes]]
+        type = "rectangle"
+        to_world = { scale = 10 }
+        material = { type = "diffuse", reflectance = 0.6 }
+        [[emitters]]
+        type = "point"
+        position = [0.3, -0.2, 1.5]
+        intensity = [7, 5, 3]
+        "#,
+    );
+    for engine in [Engine::Wavefront, Engine::Scalar] {
+        let film = film(&source, "path:max_depth=2", &Job { engine, samples: 0..4, ..Job::default() });
+        for (i, pixel) in film.pixels().iter().enumerate() {
+            // Local +x is to the left of the picture.
+            let x = (1.0 - 2.0 * ((i % 16) as f64 + 0.5) / 16.0) * 2.0;
+            let y = (1.0 - 2.0 * ((i / 16) as f64 + 0.5) / 16.0) * 2.0;
+            // Looking along −z with y up, left is −x in the world.
+            let to = [0.3 + x, -0.2 - y, 1.5];
+            let d2 = to.iter().map(|c| c * c).sum::<f64>();
+            let expected = 5.0 / d2 * (0.6 / std::f64::consts::PI) * (1.5 / d2.sqrt());
+            let got = pixel.mean()[1];
+            assert!((got / expected - 1.0).abs() < 1e-5, "pixel {i}: {got} for {expected}");
+        }
+    }
+}
+
+/// A light that is alone with a mirror is seen in it, whichever engine; glass of index 1 is not there.
+#[test]
+fn a_window_of_index_one_changes_nothing() {
+    let scene = |window: &str| {
+        parse(&format!(
+            r#"
+            film = {{ width = 24, height = 24, filter = {{ type = "box" }} }}
+            [camera]
+            type = "perspective"
+            fov = 40
+            to_world.look_at = {{ origin = [0, 0, 6], target = [0, 0, 0], up = [0, 1, 0] }}
+            [[shapes]]
+            type = "rectangle"
+            to_world = [{{ translate = [0, 0, -1] }}]
+            emission = [1, 2, 3]
+            {window}
+            "#
+        ))
+    };
+    let window = "[[shapes]]\ntype = \"sphere\"\nradius = 0.9\nmaterial = { type = \"dielectric\", int_ior = 1.0 }\n";
+    let (plain, seen) = (film(&scene(""), "path", &Job::default()), film(&scene(window), "path", &Job::default()));
+    for (i, (a, b)) in plain.pixels().iter().zip(seen.pixels()).enumerate() {
+        assert!((a.mean()[2] - b.mean()[2]).abs() < 1e-6, "pixel {i}: {:?} and {:?}", a.mean(), b.mean());
+    }
+}
+
+/// The same bits for any number of threads.
+#[test]
+fn threads_do_not_show() {
+    for name in ["cornell-box", "point-lights", "sky"] {
+        for engine in [Engine::Wavefront, Engine::Scalar] {
+            let source = small(name, [60, 44]);
+            let films: Vec<Film> = [1, 2, 5]
+                .iter()
+                .map(|t| film(&source, "path", &Job { engine, threads: *t, ..Job::default() }))
+                .collect();
+            assert!(films[0] == films[1] && films[0] == films[2], "{name}, {engine:?}");
+        }
+    }
+}
+
+/// [0, 32) and [32, 64) apart and merged are [0, 64), bit for bit; and so is any division into passes.
+#[test]
+fn sample_ranges_merge() {
+    for name in ["cornell-spheres", "glossy-spheres"] {
+        let source = small(name, [40, 40]);
+        let part = |samples| film(&source, "path", &Job { samples, ..Job::default() });
+        let (mut first, whole) = (part(0..32), part(0..64));
+        first.merge(&part(32..64));
+        assert!(first == whole, "{name}");
+        let mut thirds = part(0..7);
+        thirds.merge(&part(7..50));
+        thirds.merge(&part(50..64));
+        assert!(thirds == whole, "{name}, uneven parts");
+    }
+}
+
+/// A crop has the pixels of the whole.
+#[test]
+fn crops_are_cut_from_the_whole() {
+    let source = small("cornell-box", [50, 50]);
+    let scene = source.build().expect("a good scene");
+    let integrator =
+        settings("path").integrator(&scene, Sampler::new(SamplerSettings::default(), 1), Engine::Wavefront);
+    let crop = Region { x: 13, y: 21, width: 17, height: 9, full_width: 50 };
+    let cut = Mutex::new(Film::new(17, 9));
+    integrator.add_samples(&cut, &Pass { region: crop, samples: 0..8, threads: 2 }, &());
+    let cut = cut.into_inner().expect("no panic");
+    let whole = film(&source, "path", &Job { samples: 0..8, ..Job::default() });
+    for y in 0..9 {
+        for x in 0..17 {
+            assert!(cut.pixels()[y * 17 + x] == whole.pixels()[(y + 21) * 50 + x + 13]);
+        }
+    }
+}
+
+struct Channels {
+    mean: Vec<f32>,
+    variance: Vec<f32>,
+    samples: Vec<f32>,
+}
+
+fn channel(image: &Image, c: usize) -> Channels {
+    let data = |layer: &str, c: usize| image.layer(layer).expect("a layer").channels[c].data.clone();
+    Channels { mean: data("", c), variance: data("variance", c), samples: data("samples", 0) }
+}
+
+/// The scalar and the wavefront engine estimate the same picture, on every scene, from independent samples.
+#[test]
+fn engines_agree_on_every_scene() {
+    for b in BUILT_IN_SCENES {
+        let source = small(b.name, [48, 48]);
+        let one = |engine, seed| {
+            let sampler = SamplerSettings::Independent {};
+            film(&source, "path:max_depth=12", &Job { engine, seed, sampler, samples: 0..64, ..Job::default() })
+                .develop()
+        };
+        let (a, b_) = (one(Engine::Scalar, 1), one(Engine::Wavefront, 2));
+        for c in 0..3 {
+            let (x, y) = (channel(&a, c), channel(&b_, c));
+            let first = Estimate { mean: &x.mean, variance: &x.variance, samples: &x.samples };
+            let second = Estimate { mean: &y.mean, variance: &y.variance, samples: &y.samples };
+            let w = welch(first, second, 48, 48, 8, LEVEL / 24.0).expect("a test");
+            assert!(
+                w.passes(),
+                "{}, channel {c}: {} of {} blocks, p {}",
+                b.name,
+                w.significant,
+                w.tested,
+                w.below_alpha_p
+            );
+        }
+    }
+}
+
+/// Given the same samples, the engines trace the same paths: pixels agree but for rounding in the ray kernels.
+#[test]
+fn engines_draw_the_same_numbers() {
+    for name in ["cornell-box", "furnace", "veach-mis", "glossy-spheres"] {
+        let source = small(name, [40, 40]);
+        let one = |engine| film(&source, "path:max_depth=6", &Job { engine, samples: 0..4, ..Job::default() });
+        let (a, b) = (one(Engine::Scalar), one(Engine::Wavefront));
+        let differ = a.pixels().iter().zip(b.pixels()).filter(|(p, q)| {
+            let (p, q) = (p.mean()[1], q.mean()[1]);
+            (p - q).abs() > 1e-3 * p.abs().max(1e-3)
+        });
+        // A path that a rounding sends past the other side of an edge is another path.
+        let share = differ.count() as f64 / 1600.0;
+        assert!(share < 0.01, "{name}: {share} of the pixels differ");
+    }
+}
+
+/// Every sampler gives the same picture.
+#[test]
+fn samplers_agree() {
+    let source = small("cornell-box", [48, 48]);
+    let one = |sampler, seed| film(&source, "path", &Job { sampler, seed, samples: 0..64, ..Job::default() }).develop();
+    let reference = channel(&one(SamplerSettings::Independent {}, 1), 0);
+    for sampler in [SamplerSettings::Sobol {}, SamplerSettings::Stratified { samples: 64 }] {
+        let other = channel(&one(sampler, 2), 0);
+        let first = Estimate { mean: &reference.mean, variance: &reference.variance, samples: &reference.samples };
+        let second = Estimate { mean: &other.mean, variance: &other.variance, samples: &other.samples };
+        let w = welch(first, second, 48, 48, 8, LEVEL).expect("a test");
+        assert!(w.passes(), "{sampler:?}: {} of {}", w.significant, w.tested);
+    }
+}
