@@ -1,0 +1,58 @@
+# make test     everything that must hold; sets up what it needs
+# make lint     formatting and clippy
+# make doc      the library's documentation, in target/doc
+# make bench    how to measure
+# make scenes   remakes the data of the built-in scenes
+
+CARGO ?= cargo
+PYTHON ?= python3
+CARGO_TARGET_DIR ?= target
+export CARGO_TARGET_DIR
+
+# Without any instruction that not every machine of this kind has.
+ifeq ($(shell uname -m),x86_64)
+PORTABLE = x86-64
+else
+PORTABLE = generic
+endif
+
+.PHONY: test tools layers test-rust test-portable doc lint bench scenes
+.NOTPARALLEL:
+
+test: layers test-rust test-portable doc
+
+tools:
+	@command -v $(CARGO) >/dev/null || { echo "make: Rust is missing: https://rustup.rs" >&2; exit 1; }
+	@$(PYTHON) -c 'import tomllib' 2>/dev/null || { echo "make: Python 3.11 or newer is missing" >&2; exit 1; }
+
+# The arrows of the house: who may import whom, where `unsafe` may stand.
+layers: tools
+	$(PYTHON) scripts/check_layers.py
+	$(PYTHON) -m unittest discover -q -s scripts
+
+# The development profile is optimised (Cargo.toml): one profile serves all tests.
+test-rust: tools
+	$(CARGO) test --workspace --no-fail-fast
+
+# The kernels' portable code, which the build for this very machine does not contain.
+test-portable: tools
+	RUSTFLAGS="-C target-cpu=$(PORTABLE)" $(CARGO) test -p rebond-lanes -p rebond-bvh --lib --tests --no-fail-fast \
+		--target-dir $(CARGO_TARGET_DIR)/portable
+
+doc: tools
+	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --workspace --lib --no-deps
+
+lint: tools
+	$(CARGO) fmt --all --check
+	$(CARGO) clippy --workspace --all-targets -- -D warnings
+
+bench:
+	@echo "The benchmarks compare with other programs and want a quiet machine; each folder says how:"
+	@ls -d benches/*/README.md
+	@echo "The ray kernel alone: cargo run --release -p rebond-bvh --example ray_kernel"
+
+# dragon.ply as well, with DRAGON=dragon_vrip_res3.ply.gz of the Stanford 3D Scanning Repository.
+scenes: tools
+	$(PYTHON) scenes/make/checker.py scenes/checker.png
+	$(PYTHON) scenes/make/sky.py scenes/sky.hdr
+	$(if $(DRAGON),$(PYTHON) scenes/make/dragon.py $(DRAGON) scenes/dragon.ply)
