@@ -23,7 +23,7 @@ test: layers test-rust test-portable doc
 
 tools:
 	@command -v $(CARGO) >/dev/null || { echo "make: Rust is missing: https://rustup.rs" >&2; exit 1; }
-	@$(PYTHON) -c 'import tomllib' 2>/dev/null || { echo "make: Python 3.11 or newer is missing" >&2; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || { echo "make: Python 3.10 or newer is missing" >&2; exit 1; }
 
 # The arrows of the house: who may import whom, where `unsafe` may stand.
 layers: tools

@@ -7,14 +7,13 @@
 - `unsafe` stands only in the crates of `MAY_BE_UNSAFE`; the library of every other crate forbids it.
 - `crates/rebond` opens no file, starts no process and reads no environment.
 
-Tests (`#[cfg(test)]`) may import what they like. Needs Python 3.11, nothing else.
+Tests (`#[cfg(test)]`) may import what they like. Needs Python 3.10, nothing else.
 
     scripts/check_layers.py [FOLDER]      exit code 0 if everything holds, 1 if not
 """
 
 import re
 import sys
-import tomllib
 from pathlib import Path
 from typing import NamedTuple
 
@@ -199,6 +198,24 @@ def module_of(file: Path) -> list[str]:
     return parts[:-1] if parts[-1] in ("mod", "lib", "main") else parts
 
 
+def manifest(text: str) -> tuple[str, list[tuple[str, str]]]:
+    """The name of a package and its dependencies with their kind, from a Cargo.toml of one line per key."""
+    name, found, section = "", [], ""
+    for line in text.splitlines():
+        if header := re.match(r"\s*\[(.+)\]", line):
+            section = header[1]
+        elif entry := re.match(r"""\s*["']?([\w-]+)["']?\s*(?:\.\w+)*\s*=\s*(.*)""", line):
+            key, value = entry.groups()
+            if section == "package" and key == "name":
+                name = value.strip("\"' ")
+            elif kind := re.search(r"(?:^|\.)((?:dev-|build-)?dependencies)$", section):
+                renamed = re.search(r"""\bpackage\s*=\s*["']([\w-]+)""", value)
+                found.append((kind[1], renamed[1] if renamed else key))
+        if section_of_one := re.match(r"\s*\[.*\b((?:dev-|build-)?dependencies)\.([\w-]+)\]", line):
+            found.append(section_of_one.groups())
+    return name, found
+
+
 class Layers:
     """What was found in a workspace."""
 
@@ -221,23 +238,19 @@ class Layers:
         return self
 
     def dependencies(self, crate: Path) -> None:
-        manifest = tomllib.loads((crate / "Cargo.toml").read_text(encoding="utf-8"))
-        name = manifest["package"]["name"]
+        name, dependencies = manifest((crate / "Cargo.toml").read_text(encoding="utf-8"))
         place = f"crates/{crate.name}/Cargo.toml"
         row = row_of(name, CRATES)
         if row is None:
             self.violations.append(f"{place}: the crate {name} has no row; give it one in scripts/check_layers.py")
             return
-        for table in [manifest, *manifest.get("target", {}).values()]:
-            for kind in ("dependencies", "dev-dependencies", "build-dependencies"):
-                for key, value in table.get(kind, {}).items():
-                    other = value.get("package", key) if isinstance(value, dict) else key
-                    other_row = row_of(other, CRATES)
-                    if other_row is None:
-                        continue
-                    self.checked += 1
-                    if other_row <= row:
-                        self.violations.append(f"{place}: {name} depends on {other}, which is not below it ({kind})")
+        for kind, other in dependencies:
+            other_row = row_of(other, CRATES)
+            if other_row is None:
+                continue
+            self.checked += 1
+            if other_row <= row:
+                self.violations.append(f"{place}: {name} depends on {other}, which is not below it ({kind})")
 
     def unsafe(self, crate: Path) -> None:
         if crate.name in MAY_BE_UNSAFE:

@@ -73,9 +73,13 @@ impl Model {
         Model::BlinnPhongLecture,
     ];
 
+    /// Bit m: model m is specular.
+    const SPECULAR: u32 = 1 << Model::Mirror as u32 | 1 << Model::Dielectric as u32 | 1 << Model::Conductor as u32;
+
     /// Whether all of its light leaves in one or two single directions, which no other sampler can find.
+    #[inline(always)]
     pub fn is_specular(self) -> bool {
-        matches!(self, Model::Mirror | Model::Dielectric | Model::Conductor)
+        Self::SPECULAR >> self as u32 & 1 == 1
     }
 }
 
@@ -178,8 +182,15 @@ impl<F: Real> Bsdf<F> {
     /// Lanes whose model is specular: their light arrives only along sampled directions.
     #[inline(always)]
     pub fn is_specular(&self) -> F::Mask {
-        let specular = Model::ALL.into_iter().filter(|m| m.is_specular() && self.present >> *m as u32 & 1 == 1);
-        specular.fold(F::Mask::splat(false), |s, m| s | self.model.eq(F::Index::splat(m as u32)))
+        let mut specular = F::Mask::splat(false);
+        if self.present & Model::SPECULAR != 0 {
+            self.each_model(F::Mask::splat(true), |model, lanes| {
+                if model.is_specular() {
+                    specular = specular | lanes;
+                }
+            });
+        }
+        specular
     }
 
     /// Calls `f` for each model present, with its lanes.
