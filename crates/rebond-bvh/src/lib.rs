@@ -20,6 +20,9 @@
 //! triangles (triangle.rs) and other shapes (shape.rs), made by `build/`. query.rs takes rays to them: one at a time
 //! (ray.rs, single.rs) or sixteen (packet.rs), through instances (instance.rs) or straight.
 
+// An axis or a slot indexes several arrays at once; `!(a >= b)` is meant to be true for NaN.
+#![allow(clippy::needless_range_loop, clippy::neg_cmp_op_on_partial_ord)]
+
 mod accel;
 mod build;
 mod instance;

@@ -8,7 +8,7 @@ use crate::ray::{Best, SingleRay};
 use crate::shape::Shape;
 use crate::simd::Simd;
 use crate::single::{self, STACK, Shapes, Solid};
-use crate::tree::Tree;
+use crate::tree::{FEW_CORNERS, Tree};
 use crate::triangle::exact;
 use crate::{Filter, Hit, MISS, Ray};
 use rebond_lanes::{F32x16, Index, Index16, Mask, Mask16, Real};
@@ -137,10 +137,9 @@ impl<'a> Packet<'a> {
         [self.shear[0].mul_add(r, p), self.shear[1].mul_add(r, q), r]
     }
 
-    /// The lanes that hit a triangle at 0 < t ≤ `limit`.
+    /// The lanes that hit a triangle, given its corners in the rays' frames, at 0 < t ≤ `limit`.
     #[inline(always)]
-    fn triangle(&self, corners: [[f32; 3]; 3], active: Mask16, limit: F32x16) -> Option<Candidates> {
-        let [a, b, c] = corners.map(|p| self.corner(p));
+    fn triangle(&self, [a, b, c]: [[F32x16; 3]; 3], active: Mask16, limit: F32x16) -> Option<Candidates> {
         let zero = F32x16::zero();
         let u = c[0] * b[1] - c[1] * b[0];
         let v = a[0] * c[1] - a[1] * c[0];
@@ -194,7 +193,7 @@ impl<'a> Packet<'a> {
     #[inline(always)]
     fn closest_triangle<K: Filter>(
         &self,
-        corners: [[f32; 3]; 3],
+        corners: [[F32x16; 3]; 3],
         primitive: u32,
         active: Mask16,
         instance: u32,
@@ -274,6 +273,32 @@ fn lanes(mask: Mask16) -> impl Iterator<Item = usize> {
     })
 }
 
+/// The corners of a small tree in the rays' frames. Triangles share most of them.
+struct Sheared {
+    corners: [MaybeUninit<[F32x16; 3]>; FEW_CORNERS],
+    count: usize,
+}
+
+impl Sheared {
+    #[inline(always)]
+    fn new(tree: &Tree, packet: &Packet) -> Self {
+        let mut corners = [const { MaybeUninit::uninit() }; FEW_CORNERS];
+        for (place, &p) in corners.iter_mut().zip(tree.corners()) {
+            place.write(packet.corner(p));
+        }
+        Self { corners, count: tree.corners().len().min(FEW_CORNERS) }
+    }
+
+    #[inline(always)]
+    fn of(&self, triangle: [u8; 3]) -> [[F32x16; 3]; 3] {
+        triangle.map(|i| {
+            assert!(usize::from(i) < self.count);
+            // SAFETY: `new` wrote the first `count` of them.
+            unsafe { self.corners[usize::from(i)].assume_init() }
+        })
+    }
+}
+
 /// Sixteen rays against every primitive of a small tree.
 #[inline(always)]
 pub(crate) fn scan_closest<K: Filter>(
@@ -284,8 +309,9 @@ pub(crate) fn scan_closest<K: Filter>(
     filter: &K,
 ) -> Bests {
     let mut best = Bests::up_to(packet.ray.tmax);
+    let sheared = Sheared::new(tree, packet);
     for &(corners, primitive) in tree.triangles() {
-        packet.closest_triangle(corners, primitive, active, instance, filter, &mut best);
+        packet.closest_triangle(sheared.of(corners), primitive, active, instance, filter, &mut best);
     }
     for shape in tree.shapes() {
         packet.shape(shape, active, &Solid { instance, filter }, instance, &mut best);
@@ -303,8 +329,9 @@ pub(crate) fn scan_occluded<K: Filter>(
     filter: &K,
 ) -> Mask16 {
     let mut left = active;
+    let sheared = Sheared::new(tree, packet);
     for &(corners, primitive) in tree.triangles() {
-        if let Some(found) = packet.triangle(corners, left, packet.ray.tmax) {
+        if let Some(found) = packet.triangle(sheared.of(corners), left, packet.ray.tmax) {
             left = left.and_not(Packet::filtered(&found, found.hit, primitive, instance, filter));
             if left.none() {
                 return active;
@@ -393,7 +420,7 @@ pub(crate) fn closest<S: Simd, const PREFETCH: bool, K: Filter>(
                             let primitive = block.primitive[i];
                             if i == 0 || primitive != block.primitive[i - 1] {
                                 packet.closest_triangle(
-                                    block.corners(i),
+                                    block.corners(i).map(|p| packet.corner(p)),
                                     primitive,
                                     active,
                                     instance,
@@ -478,7 +505,7 @@ pub(crate) fn occluded<S: Simd, K: Filter>(
                             if i > 0 && primitive == block.primitive[i - 1] {
                                 continue;
                             }
-                            if let Some(found) = packet.triangle(block.corners(i), active, packet.ray.tmax) {
+                            if let Some(found) = packet.triangle(block.corners(i).map(|p| packet.corner(p)), active, packet.ray.tmax) {
                                 let hit = Packet::filtered(&found, found.hit, primitive, instance, filter);
                                 active = active.and_not(hit);
                                 left = left.and_not(hit);

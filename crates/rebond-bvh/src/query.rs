@@ -286,3 +286,105 @@ impl<S: Simd, K: Filter> Shapes for Placement<'_, S, K> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simd::Portable;
+    use crate::{BuildOptions, Everything, Geometry, Instance, Preset, Sphere};
+
+    /// A closed wavy cylinder around the y axis, with a ball in it.
+    fn mesh(n: u32) -> Geometry {
+        let mut geometry = Geometry::default();
+        for i in 0..=n {
+            for j in 0..n {
+                let angle = j as f32 / n as f32 * std::f32::consts::TAU;
+                let radius = 1.0 + 0.2 * (5.0 * angle + i as f32).sin();
+                geometry.positions.push([radius * angle.cos(), i as f32 / n as f32 * 2.0 - 1.0, radius * angle.sin()]);
+            }
+        }
+        let at = |i: u32, j: u32| i * n + j % n;
+        for i in 0..n {
+            for j in 0..n {
+                geometry.triangles.push([at(i, j), at(i + 1, j), at(i + 1, j + 1)]);
+                geometry.triangles.push([at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
+            }
+        }
+        for (i, y) in [(0, -1.0), (n, 1.0)] {
+            let middle = geometry.positions.len() as u32;
+            geometry.positions.push([0.0, y, 0.0]);
+            geometry.triangles.extend((0..n).map(|j| [middle, at(i, j), at(i, j + 1)]));
+        }
+        geometry.spheres.push(Sphere { center: [0.3, 0.4, 0.0], radius: 0.2 });
+        geometry
+    }
+
+    /// The arrays' kernel, the packets and the look at everything find the same; nothing gets out.
+    #[test]
+    fn all_paths_agree() {
+        let few = if cfg!(miri) { 40 } else { 2000 };
+        let here = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
+        let there = [[0.0, -1.0, 0.0, 0.25], [2.0, 0.0, 0.0, 0.5], [0.0, 0.0, 0.5, 0.0]];
+        for (n, matrices) in [(4, vec![here]), (9, vec![here]), (6, vec![here, there])] {
+            let geometry = mesh(n);
+            let corners = geometry.positions.clone();
+            let instances: Vec<_> =
+                matrices.iter().map(|&m| Instance { geometry: 0, keyframes: vec![(0.0, m)] }).collect();
+            let one = instances.len() == 1;
+            let options = BuildOptions::with_preset(Preset::Quality);
+            let (accel, _) = Accel::build(vec![geometry], instances, &options).unwrap();
+            let mut word = 1_u32;
+            let mut random = || {
+                word = word.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
+                (word >> 8) as f32 / (1 << 24) as f32 - 0.5
+            };
+            let rays: Vec<Ray<f32>> = (0..few)
+                .map(|i| {
+                    let o: [f32; 3] = [0.1 * random() - 0.2, 0.2 * random() - 0.3, 0.1 * random()];
+                    let corner = corners[i % corners.len()];
+                    let d = if i % 2 == 0 {
+                        std::array::from_fn(|k| corner[k] - o[k])
+                    } else {
+                        [random(), random(), random()]
+                    };
+                    Ray { o, d, tmax: f32::INFINITY, time: 0.0 }
+                })
+                .collect();
+            for group in rays.chunks_exact(16) {
+                let lanes = |f: &dyn Fn(&Ray<f32>) -> f32| {
+                    let lanes: [f32; 16] = std::array::from_fn(|i| f(&group[i]));
+                    F32x16::load(&lanes)
+                };
+                let wide = Ray {
+                    o: std::array::from_fn(|k| lanes(&|r| r.o[k])),
+                    d: std::array::from_fn(|k| lanes(&|r| r.d[k])),
+                    tmax: lanes(&|r| r.tmax),
+                    time: lanes(&|r| r.time),
+                };
+                let all = Mask16::splat(true);
+                let packet = accel.closest(&wide, all, true);
+                assert!(accel.occluded(&wide, all).all());
+                for (i, ray) in group.iter().enumerate() {
+                    let native = closest::<Native, _>(&accel, ray, &Everything);
+                    assert_eq!(native.primitive, packet.primitive.lane(i));
+                    assert_eq!(native.t, packet.t.lane(i));
+                    let portable = closest::<Portable, _>(&accel, ray, &Everything);
+                    assert!(portable.primitive != MISS && occluded::<Portable, _>(&accel, ray, &Everything));
+                    // Whether a ray just passes a corner may depend on the machine.
+                    if i % 2 == 0 {
+                        continue;
+                    }
+                    assert!((portable.t - native.t).abs() <= 1e-5 * native.t);
+                    if one {
+                        let tree = &accel.trees[0];
+                        let (prepared, scale) = SingleRay::unusual(ray.o, ray.d, tree.extent).unwrap();
+                        let mut best = Best::up_to(ray.tmax);
+                        let solid = Solid { instance: 0, filter: &Everything };
+                        tree.scan(&prepared, 0, &Everything, &solid, &mut best);
+                        assert!((f64::from(best.t) * scale - f64::from(native.t)).abs() <= 1e-5 * f64::from(native.t));
+                    }
+                }
+            }
+        }
+    }
+}

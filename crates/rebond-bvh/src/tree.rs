@@ -17,8 +17,9 @@ pub(crate) struct Tree {
     blocks: Vec<Block>,
     shapes: Vec<Shape>,
     root: Option<Child>,
-    /// All triangles again, by number, if they are few.
+    /// All triangles again, by number, if they are few; and the corners they share.
     triangles: Vec<Triangle>,
+    corners: Vec<[f32; 3]>,
     /// Bounds of everything; lower above upper if there is nothing.
     pub bounds: ([f32; 3], [f32; 3]),
     /// Largest absolute coordinate of the bounds.
@@ -29,11 +30,12 @@ pub(crate) struct Tree {
 
 pub(crate) const NO_BOUNDS: ([f32; 3], [f32; 3]) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
 
-/// Corners and number.
-type Triangle = ([[f32; 3]; 3], u32);
+/// Places of its corners among those of the tree, all below [`FEW_CORNERS`] and their number; and its own number.
+type Triangle = ([u8; 3], u32);
 
 /// Up to so many triangles and shapes, sixteen rays look at all of them.
 const FEW: usize = 64;
+pub(crate) const FEW_CORNERS: usize = 96;
 const FEW_SHAPES: usize = 8;
 
 /// Packets are kept for rays of any kind in trees of fewer bytes than this.
@@ -51,6 +53,7 @@ impl Tree {
             shapes: Vec::new(),
             root: None,
             triangles: Vec::new(),
+            corners: Vec::new(),
             bounds: NO_BOUNDS,
             extent: 0.0,
             large: false,
@@ -95,17 +98,9 @@ impl Tree {
             return None;
         }
         let extent = bounds.0.iter().chain(&bounds.1).fold(0.0, |m: f32, x| m.max(x.abs()));
+        let (triangles, corners) = few(&blocks, &shapes);
         let mut tree =
-            Self { nodes, blocks, shapes, root: Some(root), triangles: Vec::new(), bounds, extent, large: false };
-        if tree.blocks.len() <= FEW && tree.shapes.len() <= FEW_SHAPES {
-            let each = |block: &Block| std::array::from_fn::<_, 4, _>(|i| (block.corners(i), block.primitive[i]));
-            let mut triangles: Vec<Triangle> = tree.blocks.iter().flat_map(each).collect();
-            triangles.sort_unstable_by_key(|t| t.1);
-            triangles.dedup_by_key(|t| t.1);
-            if triangles.len() <= FEW {
-                tree.triangles = triangles;
-            }
-        }
+            Self { nodes, blocks, shapes, root: Some(root), triangles, corners, bounds, extent, large: false };
         tree.large = tree.bytes() > LARGE;
         Some(tree)
     }
@@ -116,6 +111,10 @@ impl Tree {
     /// All triangles, if every primitive is either one of these or one of the few shapes.
     pub fn triangles(&self) -> &[Triangle] {
         &self.triangles
+    }
+    /// Their corners, at most [`FEW_CORNERS`].
+    pub fn corners(&self) -> &[[f32; 3]] {
+        &self.corners
     }
     /// Whether sixteen rays had better look at everything.
     pub fn is_tiny(&self) -> bool {
@@ -156,4 +155,29 @@ impl Tree {
             shapes.closest(shape, ray, best);
         }
     }
+}
+
+/// All triangles and their corners, each once, if there are few of them.
+fn few(blocks: &[Block], shapes: &[Shape]) -> (Vec<Triangle>, Vec<[f32; 3]>) {
+    let none = (Vec::new(), Vec::new());
+    if blocks.len() > FEW || shapes.len() > FEW_SHAPES {
+        return none;
+    }
+    let each = |block: &Block| std::array::from_fn::<_, 4, _>(|i| (block.corners(i), block.primitive[i]));
+    let mut all: Vec<([[f32; 3]; 3], u32)> = blocks.iter().flat_map(each).collect();
+    all.sort_unstable_by_key(|t| t.1);
+    all.dedup_by_key(|t| t.1);
+    let mut corners: Vec<[f32; 3]> = Vec::new();
+    let mut place = |p: [f32; 3]| {
+        let same = |q: &[f32; 3]| q.map(f32::to_bits) == p.map(f32::to_bits);
+        corners.iter().position(same).unwrap_or_else(|| {
+            corners.push(p);
+            corners.len() - 1
+        })
+    };
+    let triangles: Vec<([usize; 3], u32)> = all.iter().map(|(c, number)| (c.map(&mut place), *number)).collect();
+    if triangles.len() > FEW || corners.len() > FEW_CORNERS {
+        return none;
+    }
+    (triangles.iter().map(|(c, number)| (c.map(|i| i as u8), *number)).collect(), corners)
 }

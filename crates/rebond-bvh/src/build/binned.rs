@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 pub(crate) const BINS: usize = 32;
 /// Up to so many references all splits are tried.
-const SWEEP: usize = 6;
+pub(crate) const SWEEP: usize = 6;
 /// Below this depth, halves by number: no input makes the tree deeper than this and 32.
 const DEEP: u32 = 64;
 /// Subtrees above this are built side by side.
@@ -31,7 +31,7 @@ pub(crate) struct Shape {
 pub(crate) fn build(references: &mut [Reference], nodes: &mut [Binary], shape: Shape) {
     let (bounds, centers) = references
         .par_chunks(PARALLEL_BINS / 8)
-        .map(|chunk| enclose(chunk))
+        .map(enclose)
         .reduce(|| (Bounds::EMPTY, Bounds::EMPTY), |a, b| (a.0.or(&b.0), a.1.or(&b.1)));
     subtree(references, nodes, (0, 0), bounds, centers, 0, shape);
 }
@@ -111,7 +111,7 @@ fn widest(centers: &Bounds) -> usize {
 }
 
 /// The best of all splits along the three axes, for a handful of references.
-fn sweep(references: &mut [Reference], centers: &Bounds) -> Halves {
+pub(crate) fn sweep(references: &mut [Reference], centers: &Bounds) -> Halves {
     let n = references.len();
     let mut best = (f32::INFINITY, 0, n / 2);
     let mut sorted = [0; 3];

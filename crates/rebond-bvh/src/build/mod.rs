@@ -147,25 +147,19 @@ fn tree(mut references: Vec<Reference>, primitives: &impl Primitives, preset: Pr
     if n > Child::MAX_BLOCKS || 2 * n >= Child::MAX_SHAPES {
         return Err(BuildError::TooManyPrimitives);
     }
-    let balanced = |references: &mut [Reference], leaf: usize, balanced: bool| {
-        let mut nodes = vec![Binary::UNUSED; 2 * references.len() - 1];
-        binned::build(references, &mut nodes, binned::Shape { leaf, balanced });
-        nodes
-    };
     let fast = preset == Preset::Fast && primitives.only_triangles();
     let pristine = if preset == Preset::Quality { references.clone() } else { Vec::new() };
-    let mut nodes = balanced(&mut references, if fast { 4 } else { 1 }, false);
+    let mut nodes = binned(&mut references, if fast { 4 } else { 1 }, false);
     let bounds = nodes[0].bounds.corners();
     if preset == Preset::Quality || (preset == Preset::Default && n <= REINSERT) {
         reinsert::improve(&mut nodes);
     }
     let mut plans = collapse::plan(&nodes, &references, primitives);
-    if preset == Preset::Quality && nodes[0].bounds.area().is_finite() {
-        let mut cut_references = pristine;
-        let places = n + n / 4;
-        cut_references.resize(places, Reference::new(Bounds::EMPTY, 0));
-        let mut cut_nodes = vec![Binary::UNUSED; 2 * places - 1];
-        spatial::build(&mut cut_references, n, &mut cut_nodes, primitives);
+    if preset == Preset::Quality
+        && nodes[0].bounds.area().is_finite()
+        && cutting_promises(&pristine, &references, primitives)
+    {
+        let (cut_references, mut cut_nodes) = cut(pristine, primitives);
         reinsert::improve(&mut cut_nodes);
         let cut_plans = collapse::plan(&cut_nodes, &cut_references, primitives);
         if cut_plans[0].total() < WORTH_CUTTING * plans[0].total() {
@@ -177,10 +171,43 @@ fn tree(mut references: Vec<Reference>, primitives: &impl Primitives, preset: Pr
         return Ok(tree);
     }
     // Some inputs make trees too deep for the stack; halving by number does not.
-    let nodes = balanced(&mut references, 1, true);
+    let nodes = binned(&mut references, 1, true);
     let plans = collapse::plan(&nodes, &references, primitives);
     let (wide, root) = collapse::collapse(&nodes, &references, primitives, &plans);
     Tree::new(wide.nodes, wide.blocks, wide.shapes, root, bounds).ok_or(BuildError::TooManyPrimitives)
+}
+
+fn binned(references: &mut [Reference], leaf: usize, balanced: bool) -> Vec<Binary> {
+    let mut nodes = vec![Binary::UNUSED; 2 * references.len() - 1];
+    binned::build(references, &mut nodes, binned::Shape { leaf, balanced });
+    nodes
+}
+
+/// The tree with triangles cut, and its references.
+fn cut(mut references: Vec<Reference>, primitives: &impl Primitives) -> (Vec<Reference>, Vec<Binary>) {
+    let n = references.len();
+    let places = n + n / 4;
+    references.resize(places, Reference::new(Bounds::EMPTY, 0));
+    let mut nodes = vec![Binary::UNUSED; 2 * places - 1];
+    spatial::build(&mut references, n, &mut nodes, primitives);
+    (references, nodes)
+}
+
+/// Whether cutting triangles brings enough for samples: a few of all of them, and some groups of neighbours.
+fn cutting_promises(all: &[Reference], neighbours: &[Reference], primitives: &impl Primitives) -> bool {
+    if all.len() <= REINSERT {
+        return true;
+    }
+    let costs = |mut sample: Vec<Reference>| {
+        let (references, nodes) = cut(sample.clone(), primitives);
+        let with = collapse::plan(&nodes, &references, primitives)[0].total();
+        let nodes = binned(&mut sample, 1, false);
+        [collapse::plan(&nodes, &sample, primitives)[0].total(), with]
+    };
+    let few = costs(all.iter().step_by(all.len() / 8192).copied().collect());
+    let groups = neighbours.chunks(1024).step_by(neighbours.len() / 1024 / 16);
+    let near = groups.map(|group| costs(group.to_vec())).fold([0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
+    few[1] < WORTH_CUTTING * few[0] || near[1] < WORTH_CUTTING * near[0]
 }
 
 /// Trees of up to so many primitives are bettered by reinsertion unless haste is asked for.

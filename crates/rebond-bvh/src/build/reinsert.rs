@@ -8,11 +8,11 @@ use super::bounds::{Binary, Bounds};
 use rayon::prelude::*;
 
 /// Most passes over the tree.
-const PASSES: usize = 12;
+const PASSES: usize = 8;
 /// A pass that gains less than this part of the cost is the last.
 const ENOUGH: f64 = 4e-3;
 /// Of larger trees, the subtrees of largest area are tried, so many in a pass.
-const BATCH: usize = 100_000;
+const BATCH: usize = 60_000;
 
 #[derive(Clone, Copy)]
 struct Move {

@@ -5,14 +5,17 @@
 //! range of the references with room for those that cuts will add, shared out to its sides by number, so that the tree
 //! is built side by side and is the same for any number of threads.
 
-use super::binned::{best_split, enclose, halve};
+use super::binned::{SWEEP, best_split, enclose, halve, sweep};
 use super::bounds::{Binary, Bounds, Reference};
 use super::collapse::Primitives;
 
-/// Places where a plane may cut, and one.
+/// Most places where a plane may cut, and one.
 const BINS: usize = 16;
-/// Boxes that overlap by less than this part of the root's area are left alone.
+/// Boxes that overlap by less than this part of the root's area, or of the node's, are left alone.
 const OVERLAP: f32 = 1e-5;
+const OVERLAP_HERE: f32 = 0.03;
+/// Fewer references than this are not cut.
+const FEWEST: usize = 4;
 /// Below this depth nothing is cut, below the next one halves are made by number.
 const DEEP: u32 = 48;
 const TOO_DEEP: u32 = 64;
@@ -59,7 +62,8 @@ impl<P: Primitives> Builder<'_, P> {
         let room = references.len();
         let split = if depth > TOO_DEEP { None } else { best_split(&references[..n], &centers) };
         let overlap = split.map_or(f32::INFINITY, |split| split.sides[0].and(&split.sides[1]).area());
-        let cut = if room > n && depth < DEEP && overlap > self.least_overlap {
+        let least_overlap = self.least_overlap.max(OVERLAP_HERE * bounds.area());
+        let cut = if room > n && n >= FEWEST && depth < DEEP && overlap > least_overlap {
             self.best_cut(&references[..n], &bounds, split.map_or(f32::INFINITY, |split| split.cost))
         } else {
             None
@@ -68,6 +72,7 @@ impl<P: Primitives> Builder<'_, P> {
         let (left, right) = sides.unwrap_or_else(|| {
             let here = &mut references[..n];
             let (middle, left, right) = match split {
+                Some(_) if n <= SWEEP => sweep(here, &centers),
                 Some(split) => split.partition(here),
                 None => halve(here, &centers),
             };
@@ -99,14 +104,15 @@ impl<P: Primitives> Builder<'_, P> {
     /// The cheapest plane, if cheaper than `limit`.
     fn best_cut(&self, references: &[Reference], bounds: &Bounds, limit: f32) -> Option<Cut> {
         let mut best: Option<Cut> = None;
+        let bins = (references.len() / 2).clamp(4, BINS);
         for axis in 0..3 {
             let (lo, hi) = (bounds.lo(axis), bounds.hi(axis));
-            let scale = BINS as f32 * 0.9999 / (hi - lo);
+            let scale = bins as f32 * 0.9999 / (hi - lo);
             if !(hi > lo && scale.is_finite()) {
                 continue;
             }
-            let plane = |i: usize| lo + (hi - lo) * (i as f32 / BINS as f32);
-            let bin = |x: f32| (((x - lo) * scale) as usize).min(BINS - 1);
+            let plane = |i: usize| lo + (hi - lo) * (i as f32 / bins as f32);
+            let bin = |x: f32| (((x - lo) * scale) as usize).min(bins - 1);
             let mut boxes = [Bounds::EMPTY; BINS];
             let mut first = [0_u32; BINS];
             let mut last = [0_u32; BINS];
@@ -124,13 +130,13 @@ impl<P: Primitives> Builder<'_, P> {
             }
             let mut right_costs = [(0.0, 0); BINS];
             let (mut right, mut count) = (Bounds::EMPTY, 0);
-            for i in (1..BINS).rev() {
+            for i in (1..bins).rev() {
                 right = right.or(&boxes[i]);
                 count += last[i];
                 right_costs[i] = (right.area(), count);
             }
             let (mut left, mut count) = (Bounds::EMPTY, 0);
-            for i in 1..BINS {
+            for i in 1..bins {
                 left = left.or(&boxes[i - 1]);
                 count += first[i - 1];
                 let (right_area, right_count) = right_costs[i];

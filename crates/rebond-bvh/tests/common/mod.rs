@@ -19,7 +19,7 @@ impl Random {
         x.rotate_right((self.0 >> 59) as u32)
     }
     pub fn below(&mut self, n: usize) -> usize {
-        (u64::from(self.word()) * n as u64 >> 32) as usize
+        ((u64::from(self.word()) * n as u64) >> 32) as usize
     }
     /// In [0, 1).
     pub fn unit(&mut self) -> f32 {
