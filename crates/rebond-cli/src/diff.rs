@@ -1,7 +1,7 @@
 //! `rebond diff`.
 
-use crate::output::{answer, check, write};
 use crate::Failure;
+use crate::output::{answer, check, write};
 use clap::Args;
 use rebond::compare::{Estimate, Pair, Welch, welch};
 use rebond::film::Image;
@@ -40,7 +40,7 @@ fn colours(image: &Image, path: &Path) -> Result<Vec<[f32; 3]>, Failure> {
     image.rgb("").ok_or_else(missing)
 }
 
-/// One test per channel, where both images know their variance.
+/// One test per channel, where both images know their variance, and there is any.
 fn t_tests(a: &Image, b: &Image) -> Option<Vec<(&'static str, Welch)>> {
     let channel = |image: &Image, layer: &str, name: &str| {
         let found = image.layer(layer)?.channels.iter().find(|c| c.name == name);
@@ -51,8 +51,10 @@ fn t_tests(a: &Image, b: &Image) -> Option<Vec<(&'static str, Welch)>> {
     };
     let one = |c: &'static str| {
         let ((m1, v1, n1), (m2, v2, n2)) = (estimate(a, c)?, estimate(b, c)?);
-        let (first, second) = (Estimate { mean: &m1, variance: &v1, samples: &n1 }, Estimate { mean: &m2, variance: &v2, samples: &n2 });
-        Some((c, welch(first, second, a.width, a.height, BLOCK, LEVEL).ok()?))
+        let (first, second) =
+            (Estimate { mean: &m1, variance: &v1, samples: &n1 }, Estimate { mean: &m2, variance: &v2, samples: &n2 });
+        let test = welch(first, second, a.width, a.height, BLOCK, LEVEL).ok()?;
+        (test.tested > 0).then_some((c, test))
     };
     ["R", "G", "B"].into_iter().map(one).collect()
 }
@@ -68,7 +70,8 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
         return Err(Failure::usage(message, "compare images of one size"));
     }
     let (r, t) = (colours(&reference, &a.reference)?, colours(&image, &a.image)?);
-    let pair = Pair::new(&r, &t, image.width, image.height).map_err(|e| Failure::usage(e.to_string(), "compare finite pictures"))?;
+    let pair = Pair::new(&r, &t, image.width, image.height)
+        .map_err(|e| Failure::usage(e.to_string(), "compare finite pictures"))?;
     let flip = pair.flip(PIXELS_PER_DEGREE);
     let tests = t_tests(&reference, &image);
     let errors = [
@@ -94,10 +97,13 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
         names.iter().zip(&errors).for_each(|(name, (_, value))| answer(&format!("{name:<32} {value:.6e}")));
         answer(&format!("{:<32} {:+.6e} {:+.6e} {:+.6e}", "mean signed error (R, G, B)", bias[0], bias[1], bias[2]));
         match &tests {
-            None => answer("Welch t-test                     not possible: needs two EXR files with variance and samples"),
+            None => answer("Welch t-test                     not possible: needs two EXR files with variance"),
             Some(tests) => tests.iter().for_each(|(c, w)| {
                 let verdict = if w.passes() { "agree" } else { "differ" };
-                let counts = format!("{} of {} blocks below {LEVEL} (p = {:.2e}), {} significant", w.below_alpha, w.tested, w.below_alpha_p, w.significant);
+                let counts = format!(
+                    "{} of {} blocks below {LEVEL} (p = {:.2e}), {} significant",
+                    w.below_alpha, w.tested, w.below_alpha_p, w.significant
+                );
                 answer(&format!("{:<32} {verdict}: {counts}", format!("Welch t-test, {c}")));
             }),
         }

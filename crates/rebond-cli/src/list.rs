@@ -1,7 +1,7 @@
 //! `rebond scenes`, `rebond info`, `rebond integrators`.
 
-use crate::output::{answer, bytes, note, peak_memory_bytes};
 use crate::Failure;
+use crate::output::{answer, bytes, note, peak_memory_bytes};
 use clap::Args;
 use rebond::integrators::INTEGRATORS;
 use rebond_io::{BUILT_IN_SCENES, SceneSource};
@@ -37,10 +37,9 @@ pub fn scenes(a: &JsonFlag) -> Result<(), Failure> {
 
 pub fn integrators(a: &JsonFlag) -> Result<(), Failure> {
     if a.json {
-        let settings = |s: &[(&str, &str)]| s.iter().map(|(k, v)| (k.to_string(), json!(v))).collect::<serde_json::Map<_, _>>();
-        let one = |i: &rebond::integrators::IntegratorInfo| {
-            json!({ "name": i.name, "summary": i.summary, "settings": settings(i.settings) })
-        };
+        let settings =
+            |s: &[(&str, &str)]| s.iter().map(|(k, v)| (k.to_string(), json!(v))).collect::<serde_json::Map<_, _>>();
+        let one = |i: &rebond::integrators::IntegratorInfo| json!({ "name": i.name, "summary": i.summary, "settings": settings(i.settings) });
         answer(&Value::from(INTEGRATORS.iter().map(one).collect::<Vec<_>>()).to_string());
         return Ok(());
     }
@@ -59,24 +58,27 @@ pub fn info(a: &InfoArguments) -> Result<(), Failure> {
     let (s, (lo, hi)) = (scene.statistics(), scene.bounds());
     let film = &source.description.film;
     if a.json {
-        answer(&json!({
-            "scene": source.name,
-            "title": source.description.title,
-            "width": film.width,
-            "height": film.height,
-            "triangles": s.triangles,
-            "analytic_shapes": s.analytic_shapes,
-            "instances": s.instances,
-            "emitters": s.emitters,
-            "materials": s.materials,
-            "bounds": [lo, hi],
-            "accelerator_bytes": s.accelerator_bytes,
-            "table_bytes": s.table_bytes,
-            "peak_memory_bytes": peak_memory_bytes(),
-            "accelerator_seconds": s.accelerator_seconds,
-            "load_and_build_seconds": seconds,
-            "warnings": s.warnings,
-        }).to_string());
+        answer(
+            &json!({
+                "scene": source.name,
+                "title": source.description.title,
+                "width": film.width,
+                "height": film.height,
+                "triangles": s.triangles,
+                "analytic_shapes": s.analytic_shapes,
+                "instances": s.instances,
+                "emitters": s.emitters,
+                "materials": s.materials,
+                "bounds": [lo, hi],
+                "accelerator_bytes": s.accelerator_bytes,
+                "table_bytes": s.table_bytes,
+                "peak_memory_bytes": peak_memory_bytes(),
+                "accelerator_seconds": s.accelerator_seconds,
+                "load_and_build_seconds": seconds,
+                "warnings": s.warnings,
+            })
+            .to_string(),
+        );
         return Ok(());
     }
     let memory = bytes(s.accelerator_bytes + s.table_bytes);

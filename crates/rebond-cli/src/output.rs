@@ -19,14 +19,18 @@ pub fn note(text: &str) {
 /// The formats of these files, and a look at whether they can be written at all, before any work is done.
 pub fn check(paths: &[PathBuf]) -> Result<(), Failure> {
     for path in paths {
-        ImageFormat::of_name(&path.to_string_lossy())?;
+        let name = path.to_string_lossy();
+        if ImageFormat::of_name(&name)? == ImageFormat::Jpeg {
+            let error = rebond_io::Error::new("JPEG is only read, never written").with_file(name);
+            return Err(error.with_help("valid extensions: exr, hdr, pfm, png").into());
+        }
         let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         if !folder.is_dir() {
             let message = format!("there is no folder \"{}\" for the output \"{}\"", folder.display(), path.display());
-            return Err(Failure::usage(message, "create it, or name another place with -o"));
+            return Err(Failure::usage(message, "create it, or name another place"));
         }
         if path.is_dir() {
-            return Err(Failure::usage(format!("the output \"{}\" is a folder", path.display()), "name a file with -o"));
+            return Err(Failure::usage(format!("the output \"{}\" is a folder", path.display()), "name a file"));
         }
     }
     Ok(())

@@ -35,12 +35,22 @@ impl Progress {
     pub fn new(budget: Budget, pixels: u64, quiet: bool) -> Self {
         let bar = (!quiet).then(|| {
             let bar = ProgressBar::new(1000);
-            let style = ProgressStyle::with_template("{bar:30} {percent:>3} %  {msg}").unwrap_or(ProgressStyle::default_bar());
+            let style =
+                ProgressStyle::with_template("{bar:30} {percent:>3} %  {msg}").unwrap_or(ProgressStyle::default_bar());
             bar.set_style(style);
             bar
         });
         let (samples, rays, shown) = (AtomicU64::new(0), AtomicU64::new(0), AtomicU64::new(0));
-        Self { bar, budget, pixels, start: Instant::now(), samples, rays, error: AtomicU64::new(f64::INFINITY.to_bits()), shown }
+        Self {
+            bar,
+            budget,
+            pixels,
+            start: Instant::now(),
+            samples,
+            rays,
+            error: AtomicU64::new(f64::INFINITY.to_bits()),
+            shown,
+        }
     }
 
     pub fn finish(&self) {
@@ -70,7 +80,8 @@ impl Progress {
         let (share, seconds) = (self.share(elapsed), elapsed.as_secs_f64());
         let error = f64::from_bits(self.error.load(Ordering::Relaxed));
         let error = if error.is_finite() { format!("  error {:.2} %", 100.0 * error) } else { String::new() };
-        let left = if share > 0.01 { format!("  {:.0} s left", seconds * (1.0 - share) / share) } else { String::new() };
+        let left =
+            if share > 0.01 { format!("  {:.0} s left", seconds * (1.0 - share) / share) } else { String::new() };
         let per_pixel = samples as f64 / self.pixels as f64;
         bar.set_position((share * 1000.0) as u64);
         bar.set_message(format!("{per_pixel:.1} spp  {:.1} M rays/s{left}{error}", rays as f64 / seconds / 1e6));

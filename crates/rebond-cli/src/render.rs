@@ -1,14 +1,14 @@
 //! `rebond render`.
 
+use crate::Failure;
 use crate::output::{answer, check, note, peak_memory_bytes, write};
 use crate::progress::{Progress, catch_interrupt};
-use crate::Failure;
 use clap::Args;
 use rebond::film::Film;
 use rebond::integrators::IntegratorSettings;
 use rebond::render::{Budget, Engine, Region, render};
 use rebond::sampling::{Sampler, SamplerSettings};
-use rebond_io::{PngOptions, SceneSource, Tonemap, from_settings};
+use rebond_io::{Error, PngOptions, SceneSource, Tonemap, from_settings};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -41,7 +41,7 @@ pub struct Arguments {
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// Threads to use [default: all].
-    #[arg(long, value_parser = clap::value_parser!(u16).range(1..))]
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
     /// Many paths at once, or one after the other for reference.
     #[arg(long, value_enum, default_value_t = EngineName::Wavefront)]
@@ -50,7 +50,7 @@ pub struct Arguments {
     #[arg(short, long, value_name = "FILE")]
     output: Vec<PathBuf>,
     /// Stops by which to brighten a PNG.
-    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, value_parser = finite)]
     exposure: f32,
     /// How a PNG fits bright colours.
     #[arg(long, value_enum, default_value_t = TonemapName::None)]
@@ -86,13 +86,24 @@ fn duration(text: &str) -> Result<Duration, String> {
         _ => return Err(format!("no unit of time \"{unit}\": use ms, s, m or h")),
     };
     let seconds = number.trim().parse::<f64>().map_err(|_| "not a time such as 30s".to_string())? * factor;
-    if seconds > 0.0 { Duration::try_from_secs_f64(seconds).map_err(|e| e.to_string()) } else { Err("not a positive time".into()) }
+    if seconds > 0.0 {
+        Duration::try_from_secs_f64(seconds).map_err(|e| e.to_string())
+    } else {
+        Err("not a positive time".into())
+    }
 }
 
 fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(x) if x > 0.0 && x.is_finite() => Ok(x),
         _ => Err("not a positive number".into()),
+    }
+}
+
+fn finite(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(x) if x.is_finite() => Ok(x),
+        _ => Err("not a number".into()),
     }
 }
 
@@ -117,7 +128,8 @@ fn crop(text: &str) -> Result<[u32; 4], String> {
 
 pub fn run(a: &Arguments) -> Result<(), Failure> {
     let start = Instant::now();
-    let integrator: Option<IntegratorSettings> = a.integrator.as_deref().map(|i| from_settings(i).map(|(s, _)| s)).transpose()?;
+    let integrator: Option<IntegratorSettings> =
+        a.integrator.as_deref().map(|i| from_settings(i).map(|(s, _)| s)).transpose()?;
     let mut source = SceneSource::open(&a.scene)?;
     let description = &mut source.description;
     if let Some([w, h]) = a.size {
@@ -148,7 +160,11 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
     let load_seconds = start.elapsed().as_secs_f64();
 
     let build_start = Instant::now();
-    let scene = source.build()?;
+    let scene = source.build().map_err(|e| match (a.size, e.path.as_str()) {
+        // What the file says about the size is not at fault.
+        (Some(_), "film" | "film.width" | "film.height") => Error { file: None, place: None, path: String::new(), ..e },
+        _ => e,
+    })?;
     let build_seconds = build_start.elapsed().as_secs_f64();
     if !a.quiet {
         scene.statistics().warnings.iter().for_each(|w| note(&format!("warning: {w}")));
@@ -157,7 +173,9 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
     catch_interrupt();
     let sampler = match source.description.sampler {
         // Strata are those of the whole render.
-        SamplerSettings::Stratified { samples: 0 } => SamplerSettings::Stratified { samples: a.spp.unwrap_or(DEFAULT_SAMPLES) },
+        SamplerSettings::Stratified { samples: 0 } => {
+            SamplerSettings::Stratified { samples: a.spp.unwrap_or(DEFAULT_SAMPLES) }
+        }
         other => other,
     };
     let engine = match a.engine {
@@ -183,20 +201,23 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
     let names: Vec<String> = outputs.iter().map(|p| p.display().to_string()).collect();
     if a.json {
         let error = film.relative_error();
-        answer(&serde_json::json!({
-            "scene": source.name,
-            "integrator": settings.name(),
-            "load_seconds": load_seconds,
-            "build_seconds": build_seconds,
-            "render_seconds": statistics.seconds,
-            "samples": statistics.samples,
-            "rays": statistics.rays,
-            "dropped_samples": dropped,
-            "peak_memory_bytes": peak_memory_bytes(),
-            "error": error.is_finite().then_some(error),
-            "biased": settings.is_biased(),
-            "outputs": names,
-        }).to_string());
+        answer(
+            &serde_json::json!({
+                "scene": source.name,
+                "integrator": settings.name(),
+                "load_seconds": load_seconds,
+                "build_seconds": build_seconds,
+                "render_seconds": statistics.seconds,
+                "samples": statistics.samples,
+                "rays": statistics.rays,
+                "dropped_samples": dropped,
+                "peak_memory_bytes": peak_memory_bytes(),
+                "error": error.is_finite().then_some(error),
+                "biased": settings.is_biased(),
+                "outputs": names,
+            })
+            .to_string(),
+        );
     } else {
         names.iter().for_each(|n| answer(n));
     }

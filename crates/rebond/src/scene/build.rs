@@ -326,10 +326,11 @@ impl<'a> Builder<'a> {
     }
 
     fn roughness(&mut self, path: &str, alpha: f32, u: Option<f32>, v: Option<f32>) -> Result<[f32; 2]> {
-        let both = [u.unwrap_or(alpha), v.unwrap_or(alpha)];
-        for a in both {
-            number(&format!("{path}.alpha"), a, 0.0..=1.0, "roughness; it lies within [0, 1]")?;
+        let both = [("alpha_u", u), ("alpha_v", v)].map(|(key, own)| own.map_or(("alpha", alpha), |own| (key, own)));
+        for (key, a) in both {
+            number(&format!("{path}.{key}"), a, 0.0..=1.0, "roughness; it lies within [0, 1]")?;
         }
+        let both = both.map(|(_, a)| a);
         if both[0] != both[1] {
             self.features.tangents = true;
         }
@@ -731,7 +732,7 @@ impl<'a> Builder<'a> {
     ) -> Result<Environment> {
         let at = |key: &str| format!("{path}.{key}");
         let m = to_world.matrix(&at("to_world"), "an environment")?.matrix3;
-        let scale = number(&at("scale"), scale, 0.0..=f32::MAX, "factor on light")?;
+        let scale = number(&at("scale"), scale, f32::MIN_POSITIVE..=f32::MAX, "factor on light")?;
         let axes = [m.x_axis, m.y_axis, m.z_axis].map(|v| v.normalize());
         if axes[0].dot(axes[1]).abs().max(axes[1].dot(axes[2]).abs()).max(axes[2].dot(axes[0]).abs()) > 1e-4 {
             return Err(BuildError::new(at("to_world"), "an environment can be turned and mirrored, but not sheared"));

@@ -1,0 +1,336 @@
+//! What the program does, seen from outside.
+
+use rebond::film::Image;
+use serde_json::Value;
+use std::collections::BTreeSet;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+fn temporary() -> TempDir {
+    tempfile::tempdir().expect("a folder")
+}
+
+fn rebond(folder: &TempDir, arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_rebond"));
+    command.args(arguments).current_dir(folder);
+    command
+}
+
+fn run(folder: &TempDir, arguments: &[&str]) -> Output {
+    rebond(folder, arguments).output().expect("the program runs")
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8(bytes.to_vec()).expect("text")
+}
+
+/// Runs to a good end without a word on standard error; returns what it answered.
+fn answer(folder: &TempDir, arguments: &[&str]) -> String {
+    let output = run(folder, arguments);
+    assert!(output.status.success(), "{arguments:?}: {}", text(&output.stderr));
+    assert_eq!(text(&output.stderr), "", "{arguments:?}");
+    text(&output.stdout)
+}
+
+fn json(answer: &str) -> Value {
+    assert_eq!(answer.matches('\n').count(), 1, "one line: {answer}");
+    serde_json::from_str(answer).expect("JSON")
+}
+
+fn bytes(folder: &TempDir, name: &str) -> Vec<u8> {
+    std::fs::read(folder.path().join(name)).expect(name)
+}
+
+fn image(folder: &TempDir, name: &str) -> Image {
+    rebond_io::read_image(&bytes(folder, name), name).expect(name)
+}
+
+fn names_in(folder: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).expect("a folder");
+    let mut names: Vec<_> = entries.map(|e| e.expect("an entry").file_name().to_string_lossy().into_owned()).collect();
+    names.sort();
+    names
+}
+
+/// A small render of the Cornell box.
+const SMALL: [&str; 6] = ["render", "cornell-box", "--size", "20x18", "--spp", "4"];
+
+fn small<'a>(more: &[&'a str]) -> Vec<&'a str> {
+    [&SMALL, more].concat()
+}
+
+#[test]
+fn a_render_writes_png_and_exr_and_prints_where() {
+    let folder = temporary();
+    assert_eq!(answer(&folder, &SMALL), "cornell-box.png\ncornell-box.exr\n");
+    assert_eq!(names_in(folder.path()), ["cornell-box.exr", "cornell-box.png"]);
+    let exr = image(&folder, "cornell-box.exr");
+    assert_eq!((exr.width, exr.height), (20, 18));
+    let layers: Vec<&str> = exr.layers.iter().map(|l| l.name.as_str()).collect();
+    assert_eq!(layers[0], "");
+    assert!(layers.contains(&"variance") && layers.contains(&"samples"), "{layers:?}");
+    let samples = &exr.layer("samples").expect("samples").channels[0].data;
+    assert!(samples.iter().all(|n| *n == 4.0));
+    assert_eq!(image(&folder, "cornell-box.png").width, 20);
+}
+
+#[test]
+fn json_is_one_object_with_the_statistics() {
+    let folder = temporary();
+    let object = json(&answer(&folder, &small(&["--json", "-i", "path:max_depth=3"])));
+    let keys: BTreeSet<&str> = object.as_object().expect("an object").keys().map(String::as_str).collect();
+    let wanted = [
+        "scene",
+        "integrator",
+        "load_seconds",
+        "build_seconds",
+        "render_seconds",
+        "samples",
+        "rays",
+        "dropped_samples",
+        "peak_memory_bytes",
+        "error",
+        "biased",
+        "outputs",
+    ];
+    assert_eq!(keys, BTreeSet::from(wanted));
+    assert_eq!(object["scene"], "cornell-box");
+    assert_eq!(object["integrator"], "path");
+    assert_eq!(object["samples"], 20 * 18 * 4);
+    assert!(object["rays"].as_u64() > object["samples"].as_u64());
+    assert_eq!(object["dropped_samples"], 0);
+    assert_eq!(object["biased"], true);
+    assert_eq!(object["outputs"], serde_json::json!(["cornell-box.png", "cornell-box.exr"]));
+    for key in ["load_seconds", "build_seconds", "render_seconds", "error"] {
+        assert!(object[key].as_f64().expect(key) > 0.0, "{key}");
+    }
+}
+
+#[test]
+fn every_format_is_written_and_read_back() {
+    let folder = temporary();
+    let written = answer(&folder, &small(&["-o", "a.exr", "-o", "a.hdr", "-o", "a.pfm", "-o", "a.png"]));
+    assert_eq!(written, "a.exr\na.hdr\na.pfm\na.png\n");
+    let mse = |a: &str, b: &str| json(&answer(&folder, &["diff", "--json", a, b]))["mse"].as_f64().expect("a number");
+    for name in ["a.exr", "a.hdr", "a.pfm", "a.png"] {
+        assert_eq!(mse(name, name), 0.0, "{name}");
+    }
+    assert_eq!(mse("a.exr", "a.pfm"), 0.0, "both hold every bit");
+    let hdr = mse("a.exr", "a.hdr");
+    assert!(hdr > 0.0 && hdr < 1e-3, "eight bits a channel: {hdr}");
+    // The same picture, in words.
+    let words = answer(&folder, &["diff", "a.exr", "a.exr", "--flip-map", "map.png"]);
+    assert!(words.starts_with("MSE                              0.000000e0\n"), "{words}");
+    assert_eq!(words.matches("agree").count(), 3, "{words}");
+    assert!(image(&folder, "map.png").rgb("").expect("colours").iter().all(|c| *c == [0.0; 3]));
+}
+
+#[test]
+fn a_seed_is_a_picture() {
+    let folder = temporary();
+    for (name, seed) in [("a.exr", "7"), ("b.exr", "7"), ("c.exr", "8"), ("d.exr", "18446744073709551615")] {
+        answer(&folder, &small(&["--seed", seed, "-o", name]));
+    }
+    assert!(bytes(&folder, "a.exr") == bytes(&folder, "b.exr"));
+    assert!(image(&folder, "a.exr") != image(&folder, "c.exr"));
+    assert!(image(&folder, "a.exr") != image(&folder, "d.exr"));
+}
+
+#[test]
+fn threads_change_nothing() {
+    let folder = temporary();
+    for (name, threads) in [("one.exr", "1"), ("two.exr", "2"), ("many.exr", "64")] {
+        answer(&folder, &["render", "sky", "--size", "50x40", "--spp", "4", "--threads", threads, "-o", name]);
+    }
+    assert!(bytes(&folder, "one.exr") == bytes(&folder, "two.exr"));
+    assert!(bytes(&folder, "one.exr") == bytes(&folder, "many.exr"));
+}
+
+#[test]
+fn a_crop_is_a_part_of_the_picture() {
+    let folder = temporary();
+    let size = ["render", "cornell-spheres", "--size", "40x30", "--spp", "4"];
+    answer(&folder, &[&size[..], &["-o", "whole.exr"]].concat());
+    answer(&folder, &[&size[..], &["--crop", "11,7,21,19", "-o", "part.exr"]].concat());
+    let (whole, part) = (image(&folder, "whole.exr"), image(&folder, "part.exr"));
+    assert_eq!((part.width, part.height), (21, 19));
+    assert_eq!(part.layers.len(), whole.layers.len());
+    for (w, p) in whole.layers.iter().zip(&part.layers) {
+        for (w, p) in w.channels.iter().zip(&p.channels) {
+            let expected: Vec<f32> = (7..26).flat_map(|y| w.data[y * 40 + 11..y * 40 + 32].to_vec()).collect();
+            assert!(p.data == expected, "{}", p.name);
+        }
+    }
+}
+
+/// Whether the process has come to catch SIGINT (2), where the system tells.
+#[cfg(unix)]
+fn catches_interrupts(process: u32) -> bool {
+    let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
+    let caught = status.lines().find_map(|l| l.strip_prefix("SigCgt:"));
+    caught.is_some_and(|mask| u64::from_str_radix(mask.trim(), 16).is_ok_and(|mask| mask & 0b10 != 0))
+}
+
+#[cfg(unix)]
+#[test]
+fn an_interrupt_still_writes_the_picture() {
+    let folder = temporary();
+    let start = Instant::now();
+    let arguments = ["render", "furnace", "--size", "8x8", "--time", "60s", "--json", "-o", "part.pfm"];
+    let child = rebond(&folder, &arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("a process");
+    let (process, patience) = (child.id(), Duration::from_secs(10));
+    while !catches_interrupts(process) && start.elapsed() < patience {
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    std::thread::sleep(Duration::from_millis(300));
+    let sent = Command::new("kill").args(["-INT", &process.to_string()]).status().expect("a signal");
+    assert!(sent.success());
+    let output = child.wait_with_output().expect("an end");
+    assert_eq!(output.status.code(), Some(130), "{}", text(&output.stderr));
+    assert_eq!(text(&output.stderr), "interrupted\n");
+    assert!(start.elapsed() < Duration::from_secs(20));
+    assert_eq!(json(&text(&output.stdout))["outputs"], serde_json::json!(["part.pfm"]));
+    // Wherever it was stopped, what was rendered is right.
+    let picture = image(&folder, "part.pfm").rgb("").expect("colours");
+    assert!(picture.iter().all(|c| c[0] > 1.0 && c[0] < 3.0), "{picture:?}");
+}
+
+#[test]
+fn time_is_kept() {
+    let folder = temporary();
+    let start = Instant::now();
+    let object = json(&answer(&folder, &["render", "cornell-box", "--size", "32x32", "--time", "1s", "--json"]));
+    let seconds = start.elapsed().as_secs_f64();
+    assert!((1.0..6.0).contains(&seconds), "{seconds} s");
+    assert!(object["samples"].as_u64() >= Some(32 * 32));
+    assert_eq!(names_in(folder.path()), ["cornell-box.exr", "cornell-box.png"]);
+}
+
+#[test]
+fn an_error_is_reached() {
+    let folder = temporary();
+    let object = json(&answer(&folder, &["render", "cornell-box", "--size", "16x16", "--error", "0.2", "--json"]));
+    let error = object["error"].as_f64().expect("an error");
+    assert!(error > 0.0 && error <= 0.2, "{error}");
+    // A samples budget ends first where it is the smaller.
+    let more = ["--error", "1e-9", "--spp", "32", "--json", "--size", "16x16"];
+    let object = json(&answer(&folder, &[&["render", "cornell-box"], &more[..]].concat()));
+    assert_eq!(object["samples"], 16 * 16 * 32);
+    // A picture without light has no error.
+    std::fs::write(folder.path().join("dark.toml"), "").expect("a scene");
+    let dark = ["render", "dark.toml", "--size", "4x4", "--error", "0.1", "--quiet"];
+    assert_eq!(answer(&folder, &dark), "dark.png\ndark.exr\n");
+}
+
+#[test]
+fn a_reader_that_goes_away_is_no_failure() {
+    let folder = temporary();
+    for arguments in [&SMALL[..], &["scenes"], &["integrators"], &["info", "furnace"], &["--help"], &["--version"]] {
+        let (reader, writer) = std::io::pipe().expect("a pipe");
+        drop(reader);
+        let output = rebond(&folder, arguments).stdout(writer).stderr(Stdio::piped()).output().expect("an end");
+        assert!(output.status.success(), "{arguments:?}: {:?} {}", output.status, text(&output.stderr));
+        assert_eq!(text(&output.stderr), "", "{arguments:?}");
+    }
+    assert_eq!(names_in(folder.path()), ["cornell-box.exr", "cornell-box.png"]);
+}
+
+#[test]
+fn a_picture_that_cannot_be_written_is_saved_elsewhere() {
+    let (folder, elsewhere) = (temporary(), temporary());
+    // A file is first written under this name.
+    std::fs::create_dir(folder.path().join("a.png.part")).expect("a folder");
+    let arguments = small(&["-o", "a.png", "-o", "a.pfm"]);
+    let output = rebond(&folder, &arguments).env("TMPDIR", elsewhere.path()).output().expect("an end");
+    let report = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{report}");
+    assert!(report.starts_with("error: cannot write \"a.png\": "), "{report}");
+    assert_eq!(names_in(folder.path()), ["a.pfm", "a.png.part"], "the other picture is written");
+    let saved = names_in(elsewhere.path());
+    assert_eq!(saved.len(), 1);
+    assert!(report.contains(&format!("the picture was saved as \"{}\"", elsewhere.path().join(&saved[0]).display())));
+    let (saved, right) = (image(&elsewhere, &saved[0]), image(&folder, "a.pfm"));
+    assert_eq!(saved.rgb(""), right.rgb(""));
+}
+
+#[test]
+fn scenes_are_listed() {
+    let folder = temporary();
+    let names =
+        ["cornell-box", "cornell-spheres", "dragon", "furnace", "glossy-spheres", "point-lights", "sky", "veach-mis"];
+    let list = answer(&folder, &["scenes"]);
+    let first_words: Vec<&str> = list.lines().filter_map(|l| l.split_whitespace().next()).collect();
+    assert_eq!(first_words, names);
+    assert!(list.contains("The Cornell box"));
+    let array = json(&answer(&folder, &["scenes", "--json"]));
+    let listed: Vec<&str> = array.as_array().expect("a list").iter().filter_map(|s| s["name"].as_str()).collect();
+    assert_eq!(listed, names);
+    assert_eq!(array[0]["title"], "The Cornell box");
+}
+
+#[test]
+fn integrators_are_listed() {
+    let folder = temporary();
+    let list = answer(&folder, &["integrators"]);
+    assert!(list.starts_with("path "), "{list}");
+    assert!(list.contains("\n  max_depth "), "{list}");
+    let array = json(&answer(&folder, &["integrators", "--json"]));
+    let path = array.as_array().expect("a list").iter().find(|i| i["name"] == "path").expect("path");
+    assert!(path["summary"].is_string());
+    // Every setting listed is one that can be set.
+    let settings: Vec<&String> = path["settings"].as_object().expect("settings").keys().collect();
+    assert_eq!(settings, ["max_depth", "mode", "rr_depth"]);
+    answer(&folder, &small(&["-i", "path:max_depth=2,rr_depth=1,mode=mis"]));
+}
+
+#[test]
+fn info_says_what_a_scene_is_made_of() {
+    let folder = temporary();
+    let object = json(&answer(&folder, &["info", "cornell-spheres", "--json"]));
+    let counts = ["triangles", "analytic_shapes", "instances", "emitters", "width"].map(|key| object[key].as_u64());
+    assert_eq!(counts, [12, 2, 0, 1, 512].map(Some));
+    assert_eq!(object["warnings"], serde_json::json!([]));
+    for key in ["accelerator_bytes", "table_bytes", "accelerator_seconds", "load_and_build_seconds"] {
+        assert!(object[key].as_f64().expect(key) > 0.0, "{key}");
+    }
+    let words = answer(&folder, &["info", "cornell-spheres"]);
+    for row in ["triangles        12\n", "emitters         1\n", "memory ", "build time "] {
+        assert!(words.contains(row), "{row}: {words}");
+    }
+}
+
+#[test]
+fn info_counts_what_is_wrong_with_a_mesh() {
+    let folder = temporary();
+    let mesh = rebond_io::MeshData {
+        positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [f32::NAN, 0.0, 0.0], [2.0, 0.0, 0.0]],
+        triangles: vec![[0, 1, 2], [0, 1, 3], [0, 1, 4], [1, 1, 2], [3, 3, 3], [2, 3, 4]],
+        ..Default::default()
+    };
+    std::fs::write(folder.path().join("bad.ply"), rebond_io::write_ply(&mesh)).expect("a mesh");
+    let scene = "[[shapes]]\ntype = 'ply'\nfile = 'bad.ply'\n[[emitters]]\ntype = 'constant'\nradiance = 1\n";
+    std::fs::write(folder.path().join("bad.toml"), scene).expect("a scene");
+    let warnings = ["2 triangles have no area: skipped", "3 triangles have a corner that is not finite: skipped"];
+    let output = run(&folder, &["info", "bad.toml"]);
+    assert!(output.status.success());
+    assert_eq!(text(&output.stderr), warnings.map(|w| format!("warning: {w}\n")).concat());
+    let object = json(&answer(&folder, &["info", "bad.toml", "--json"]));
+    assert_eq!(object["warnings"], serde_json::json!(warnings));
+    assert_eq!(object["bounds"], serde_json::json!([[0.0, 0.0, 0.0], [1.0, 1.0, 0.0]]));
+    // The rest of it renders.
+    let picture = ["render", "bad.toml", "--size", "4x4", "--spp", "1", "-o", "a.pfm", "--quiet", "--json"];
+    assert_eq!(json(&answer(&folder, &picture))["dropped_samples"], 0);
+}
+
+#[test]
+fn pictures_of_different_sizes_are_not_compared() {
+    let folder = temporary();
+    answer(&folder, &small(&["-o", "a.pfm"]));
+    answer(&folder, &["render", "furnace", "--size", "9x8", "--spp", "1", "-o", "b.pfm"]);
+    let output = run(&folder, &["diff", "a.pfm", "b.pfm"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(output.stdout.is_empty());
+    assert!(text(&output.stderr).starts_with("error: the images have different sizes, 20x18 and 9x8\n"));
+}
