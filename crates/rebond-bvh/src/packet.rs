@@ -137,6 +137,12 @@ impl<'a> Packet<'a> {
         [self.shear[0].mul_add(r, p), self.shear[1].mul_add(r, q), r]
     }
 
+    /// The corners of a triangle in the rays' frames.
+    #[inline(always)]
+    fn corners(&self, [a, b, c]: [[f32; 3]; 3]) -> [[F32x16; 3]; 3] {
+        [self.corner(a), self.corner(b), self.corner(c)]
+    }
+
     /// The lanes that hit a triangle, given its corners in the rays' frames, at 0 < t ≤ `limit`.
     #[inline(always)]
     fn triangle(&self, [a, b, c]: [[F32x16; 3]; 3], active: Mask16, limit: F32x16) -> Option<Candidates> {
@@ -280,22 +286,31 @@ struct Sheared {
 }
 
 impl Sheared {
+    /// A place for them, in the caller's own frame: it is too large to hand around.
     #[inline(always)]
-    fn new(tree: &Tree, packet: &Packet) -> Self {
-        let mut corners = [const { MaybeUninit::uninit() }; FEW_CORNERS];
-        for (place, &p) in corners.iter_mut().zip(tree.corners()) {
-            place.write(packet.corner(p));
-        }
-        Self { corners, count: tree.corners().len().min(FEW_CORNERS) }
+    fn nothing() -> Self {
+        Self { corners: [const { MaybeUninit::uninit() }; FEW_CORNERS], count: 0 }
     }
 
     #[inline(always)]
-    fn of(&self, triangle: [u8; 3]) -> [[F32x16; 3]; 3] {
-        triangle.map(|i| {
-            assert!(usize::from(i) < self.count);
-            // SAFETY: `new` wrote the first `count` of them.
-            unsafe { self.corners[usize::from(i)].assume_init() }
-        })
+    fn fill(&mut self, tree: &Tree, packet: &Packet) {
+        let corners = tree.corners();
+        self.count = corners.len().min(FEW_CORNERS);
+        for (place, &p) in self.corners.iter_mut().zip(corners) {
+            place.write(packet.corner(p));
+        }
+    }
+
+    #[inline(always)]
+    fn corner(&self, i: u8) -> [F32x16; 3] {
+        assert!(usize::from(i) < self.count);
+        // SAFETY: `fill` wrote the first `count` of them.
+        unsafe { self.corners[usize::from(i)].assume_init() }
+    }
+
+    #[inline(always)]
+    fn of(&self, [a, b, c]: [u8; 3]) -> [[F32x16; 3]; 3] {
+        [self.corner(a), self.corner(b), self.corner(c)]
     }
 }
 
@@ -309,7 +324,8 @@ pub(crate) fn scan_closest<K: Filter>(
     filter: &K,
 ) -> Bests {
     let mut best = Bests::up_to(packet.ray.tmax);
-    let sheared = Sheared::new(tree, packet);
+    let mut sheared = Sheared::nothing();
+    sheared.fill(tree, packet);
     for &(corners, primitive) in tree.triangles() {
         packet.closest_triangle(sheared.of(corners), primitive, active, instance, filter, &mut best);
     }
@@ -329,7 +345,8 @@ pub(crate) fn scan_occluded<K: Filter>(
     filter: &K,
 ) -> Mask16 {
     let mut left = active;
-    let sheared = Sheared::new(tree, packet);
+    let mut sheared = Sheared::nothing();
+    sheared.fill(tree, packet);
     for &(corners, primitive) in tree.triangles() {
         if let Some(found) = packet.triangle(sheared.of(corners), left, packet.ray.tmax) {
             left = left.and_not(Packet::filtered(&found, found.hit, primitive, instance, filter));
@@ -420,7 +437,7 @@ pub(crate) fn closest<S: Simd, const PREFETCH: bool, K: Filter>(
                             let primitive = block.primitive[i];
                             if i == 0 || primitive != block.primitive[i - 1] {
                                 packet.closest_triangle(
-                                    block.corners(i).map(|p| packet.corner(p)),
+                                    packet.corners(block.corners(i)),
                                     primitive,
                                     active,
                                     instance,
@@ -505,7 +522,9 @@ pub(crate) fn occluded<S: Simd, K: Filter>(
                             if i > 0 && primitive == block.primitive[i - 1] {
                                 continue;
                             }
-                            if let Some(found) = packet.triangle(block.corners(i).map(|p| packet.corner(p)), active, packet.ray.tmax) {
+                            if let Some(found) =
+                                packet.triangle(packet.corners(block.corners(i)), active, packet.ray.tmax)
+                            {
                                 let hit = Packet::filtered(&found, found.hit, primitive, instance, filter);
                                 active = active.and_not(hit);
                                 left = left.and_not(hit);
