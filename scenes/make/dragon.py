@@ -41,10 +41,25 @@ def smooth_normals(positions, faces):
     return [[x / (math.hypot(*n) or 1.0) for x in n] for n in sums]
 
 
+def face_outwards(positions, faces, normals):
+    """Turns the faces round that the decimation wound against their neighbours."""
+    turned = []
+    for a, b, c in faces:
+        u, v = ([positions[i][k] - positions[a][k] for k in range(3)] for i in (b, c))
+        n = (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
+        side = sum(n[k] * sum(normals[i][k] for i in (a, b, c)) for k in range(3))
+        turned.append((a, b, c) if side >= 0 else (a, c, b))
+    return turned
+
+
 def main():
     positions, faces = read(sys.argv[1])
     positions = place(positions)
     normals = smooth_normals(positions, faces)
+    # Normals are sums over faces, so turning some changes them: a few rounds settle it.
+    for _ in range(8):
+        faces = face_outwards(positions, faces, normals)
+        normals = smooth_normals(positions, faces)
     header = f"""ply
 format binary_little_endian 1.0
 comment The Stanford dragon. Source: Stanford 3D Scanning Repository, Stanford Computer Graphics Laboratory

@@ -183,7 +183,12 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
         EngineName::Scalar => Engine::Scalar,
     };
     let integrator = settings.integrator(&scene, Sampler::new(sampler, a.seed), engine);
-    let mut film = Film::new(region.width, region.height);
+    let mut film = Film::try_new(region.width, region.height).ok_or_else(|| {
+        Failure::Run(format!(
+            "not enough memory for a film of {}x{} pixels; render it in parts with --crop",
+            region.width, region.height
+        ))
+    })?;
     let progress = Progress::new(budget, region.pixels(), a.quiet);
     let statistics = render(&*integrator, &mut film, region, 0, &budget, threads, &progress);
     progress.finish();
@@ -196,7 +201,7 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
     write(&film.develop(), &outputs, &PngOptions { exposure: a.exposure, tonemap })?;
     let dropped = film.dropped_samples();
     if dropped > 0 && !a.quiet {
-        note(&format!("warning: {dropped} samples were not finite and count as black"));
+        note(&format!("warning: {dropped} samples were not finite, or too bright for a film, and count as black"));
     }
     let names: Vec<String> = outputs.iter().map(|p| p.display().to_string()).collect();
     if a.json {

@@ -171,6 +171,10 @@ impl Document {
                     let Some((entry, after)) = matching.min_by_key(|(_, after)| after.len()) else { break };
                     (&entry.node, entry.key_span.clone().or(entry.node.span.clone()), after)
                 }
+                // A list of one may stand for its item.
+                Value::Array(items) if items.len() == 1 && !rest.starts_with('[') => {
+                    (&items[0], items[0].span.clone(), rest)
+                }
                 Value::Array(items) => {
                     let Some((index, after)) = rest.strip_prefix('[').and_then(|r| r.split_once(']')) else { break };
                     let Some(item) = index.trim().parse::<usize>().ok().and_then(|i| items.get(i)) else { break };

@@ -279,3 +279,51 @@ fn samplers_agree() {
         assert!(w.passes(), "{sampler:?}: {} of {}", w.significant, w.tested);
     }
 }
+
+/// A flat light shines to the side of its normal, however it is flipped, mirrored and turned, and sampling it agrees
+/// with hitting it: below it the irradiance of the closed form, above it nothing.
+#[test]
+fn lights_shine_to_one_side() {
+    for shape in ["rectangle", "disk"] {
+        for flip in [false, true] {
+            for scale in ["[1, 1, 1]", "[-1, 1, 1]", "[1, -1, 1]", "[1, 1, -1]", "[-1, -1, -1]"] {
+                // The normal is +z, turned by flipping and, for a shape in the plane z = 0, by mirroring z.
+                let mirrored_z = scale.ends_with("-1]");
+                let up = flip == mirrored_z;
+                let radiance = |above: bool| {
+                    let z = if above { 5 } else { -5 };
+                    let text = format!(
+                        r#"
+                        film = {{ width = 8, height = 8, filter = {{ type = "box" }} }}
+                        camera = {{ type = "orthographic", to_world = [{{ scale = 0.05 }}, {{ look_at = {{ origin = [4, 0, 0], target = [0, 0, {z}], up = [0, 1, 0] }} }}] }}
+                        [[shapes]]
+                        type = "{shape}"
+                        emission = 10
+                        flip_normals = {flip}
+                        material = {{ type = "diffuse", reflectance = 0 }}
+                        to_world = {{ scale = {scale} }}
+                        [[shapes]]
+                        type = "rectangle"
+                        material = {{ type = "two-sided", front = {{ type = "diffuse", reflectance = 0.5 }} }}
+                        to_world = [{{ scale = 3 }}, {{ translate = [0, 0, {z}] }}]
+                        "#
+                    );
+                    film(&parse(&text), "path:max_depth=2", &Job { samples: 0..64, ..Job::default() })
+                };
+                let (lit, dark) = (radiance(up), radiance(!up));
+                assert_eq!(dark.mean(), [0.0; 3], "{shape}, flip {flip}, scale {scale}: the dark side");
+                // On the axis at distance 5: L ρ × form factor of the disk, 1/(1 + h²), or of the square.
+                let form_factor = if shape == "disk" {
+                    1.0 / 26.0
+                } else {
+                    let (x, root) = (0.2_f64, 1.04_f64.sqrt());
+                    4.0 * 2.0 * x / root * (x / root).atan() / std::f64::consts::TAU
+                };
+                let (mean, p) = t_test(&lit, 10.0 * 0.5 * form_factor);
+                // The patch that is seen is a hundredth as wide as it is far.
+                let near = (mean / (5.0 * form_factor) - 1.0).abs() < 1e-3;
+                assert!(p > LEVEL || near, "{shape}, flip {flip}, scale {scale}: {mean}, p {p}");
+            }
+        }
+    }
+}

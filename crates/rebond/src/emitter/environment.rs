@@ -1,7 +1,7 @@
 //! Light from infinitely far: the same from everywhere, or an equirectangular image.
 
 use crate::math::{Frame, Rgb, Vec3, luminance, vec3};
-use crate::sampling::{Grid, PdfSolidAngle};
+use crate::sampling::{Grid, PdfSolidAngle, linear};
 use rebond_lanes::{Index, Real, Record, math};
 use std::f32::consts::{FRAC_1_PI, PI};
 
@@ -15,11 +15,18 @@ pub enum Environment {
 }
 
 /// An equirectangular image around the scene: its centre towards local −z, its top towards local +y; interpolated
-/// linearly, and sampled in proportion to luminance × solid angle.
+/// linearly, and sampled in proportion to luminance × solid angle, interpolated likewise.
+///
+/// A cell of the sampling grid lies between the centres of four texels; those of the first and last row are half as
+/// high and end at a pole, where the weights of the outermost texels hold.
 #[derive(Clone, Debug)]
 pub struct EnvironmentImage {
     size: [u32; 2],
     texels: Vec<Record>,
+    /// Luminance × sinθ of each texel, and of that to its right, below it, and both: the corners of a cell.
+    corners: Vec<Record>,
+    /// 1 / integral of the interpolated weight over the unit square.
+    scale: f32,
     grid: Grid,
     /// Local axes in world coordinates.
     frame: [[f32; 3]; 3],
@@ -36,21 +43,26 @@ impl EnvironmentImage {
         let (w, h) = (size[0] as usize, size[1] as usize);
         assert_eq!(texels.len(), w * h);
         let sin = |y: usize| (PI * (y as f32 + 0.5) / h as f32).sin();
-        // The weight of a cell is the mean of the interpolated luminance over it, so that none is 0 where there is light.
-        let l = |x: usize, y: isize| luminance(texels[y.clamp(0, h as isize - 1) as usize * w + x % w]);
-        let row = |x: usize, y: isize| (l(x + w - 1, y) + 6.0 * l(x, y) + l(x + 1, y)) / 8.0;
-        let weight = |x: usize, y: usize| {
-            let y0 = y as isize;
-            (row(x, y0 - 1) + 6.0 * row(x, y0) + row(x, y0 + 1)) / 8.0 * sin(y)
+        let weight = |x: usize, y: usize| luminance(texels[y * w + x % w]) * sin(y);
+        // Row j of cells lies between the rows j − 1 and j of texels.
+        let rows = |j: usize| [j.saturating_sub(1), j.min(h - 1)];
+        let corner = |i: usize| {
+            let (x, [above, below]) = (i % w, rows(i / w));
+            [weight(x, above), weight(x + 1, above), weight(x, below), weight(x + 1, below)]
         };
-        let weights: Vec<f32> = (0..w * h).map(|i| weight(i % w, i / w)).collect();
+        let corners: Vec<Record> = (0..w * (h + 1)).map(|i| Record(corner(i))).collect();
+        let height = |j: usize| if j == 0 || j == h { 0.5 } else { 1.0 };
+        let cells: Vec<f32> =
+            corners.iter().enumerate().map(|(i, c)| c.0.iter().sum::<f32>() / 4.0 * height(i / w)).collect();
+        let integral = cells.iter().map(|c| f64::from(*c)).sum::<f64>() / (w * h) as f64;
+        let grid = Grid::new([size[0], size[1] + 1], &cells)?;
         let solid: f64 = (0..h).map(|y| f64::from(sin(y)) * w as f64).sum();
         let mean = std::array::from_fn(|c| {
             let sum: f64 = texels.iter().enumerate().map(|(i, t)| f64::from(t[c]) * f64::from(sin(i / w))).sum();
             (sum / solid) as f32
         });
         let records = texels.iter().map(|t| Record([t[0], t[1], t[2], 0.0])).collect();
-        Some(Self { size, texels: records, grid: Grid::new(size, &weights)?, frame, mean })
+        Some(Self { size, texels: records, corners, scale: (1.0 / integral) as f32, grid, frame, mean })
     }
 
     fn frame<F: Real>(&self) -> Frame<F> {
@@ -59,9 +71,21 @@ impl EnvironmentImage {
     }
 
     fn sample<F: Real>(&self, u: [F; 2]) -> (Vec3<F>, PdfSolidAngle<F>) {
-        let ([u, v], density) = self.grid.sample(u);
-        let (sin_theta, cos_theta) = math::sin_cos(v * PI);
-        let (sin_phi, cos_phi) = math::sin_cos((u - 0.5) * (2.0 * PI));
+        let (width, height) = (self.size[0], self.size[1]);
+        let cell = self.grid.sample(u);
+        let [a, b, c, d] = F::record(&self.corners, cell.y * F::Index::splat(width) + cell.x);
+        // Down the cell by the sums of its edges, then across at that height.
+        let down = linear(cell.u[1], a + b, c + d);
+        let (left, right) = (a + (c - a) * down, b + (d - b) * down);
+        let across = linear(cell.u[0], left, right);
+        let density = (left + (right - left) * across) * self.scale;
+        let x = (F::from_index(cell.x) + across + 0.5) * (1.0 / width as f32);
+        let first = cell.y.eq(F::Index::splat(0));
+        let last = cell.y.eq(F::Index::splat(height));
+        let within = F::select(first, down * 0.5 + 0.5, F::select(last, down * 0.5, down));
+        let y = (F::from_index(cell.y) + within - 0.5) * (1.0 / height as f32);
+        let (sin_theta, cos_theta) = math::sin_cos(y * PI);
+        let (sin_phi, cos_phi) = math::sin_cos((x - 0.5) * (2.0 * PI));
         let local = vec3(sin_theta * sin_phi, cos_theta, -(sin_theta * cos_phi));
         (self.frame().to_world(local), Self::density(density, sin_theta))
     }
@@ -78,8 +102,18 @@ impl EnvironmentImage {
     }
 
     fn pdf<F: Real>(&self, w: Vec3<F>) -> PdfSolidAngle<F> {
-        let p = self.place(w);
-        Self::density(self.grid.pdf(p), math::sin_cos(p[1] * PI).0)
+        let [u, v] = self.place(w);
+        let (width, height) = (self.size[0] as f32, self.size[1] as f32);
+        let x = u * width - 0.5;
+        let x = F::select(x.lt(F::zero()), x + width, x);
+        let y = v * height + 0.5;
+        let column = x.to_index().min(F::Index::splat(self.size[0] - 1));
+        let row = y.relu().to_index().min(F::Index::splat(self.size[1]));
+        let [a, b, c, d] = F::record(&self.corners, row * F::Index::splat(self.size[0]) + column);
+        // In the outermost rows upper and lower weights are the same, so that their half height does not matter.
+        let (across, down) = (x - F::from_index(column), y - F::from_index(row));
+        let (left, right) = (a + (c - a) * down, b + (d - b) * down);
+        Self::density((left + (right - left) * across) * self.scale, math::sin_cos(v * PI).0)
     }
 
     fn radiance<F: Real>(&self, w: Vec3<F>) -> Rgb<F> {
@@ -143,7 +177,7 @@ impl Environment {
     pub fn bytes(&self) -> usize {
         match self {
             Self::Constant(_) => 0,
-            Self::Image(image) => image.texels.len() * size_of::<Record>() * 2,
+            Self::Image(image) => (image.texels.len() + image.corners.len()) * size_of::<Record>() + image.grid.bytes(),
         }
     }
 }

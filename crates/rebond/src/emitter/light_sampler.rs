@@ -13,10 +13,16 @@ pub struct LightSampler {
 }
 
 impl LightSampler {
-    /// A choice among these; `scene_radius` is what infinite ones shine on.
-    pub fn new(emitters: &[Emitter], scene_radius: f32) -> Self {
-        let power: Vec<f32> = emitters.iter().map(|e| importance(e, scene_radius)).collect();
-        Self { by_power: Discrete::new(&power) }
+    /// A choice among these; `scene_radius` is what infinite ones shine on. `None` if a power is not finite.
+    pub fn new(emitters: &[Emitter], scene_radius: f32) -> Option<Self> {
+        let power: Vec<f64> = emitters.iter().map(|e| importance(e, scene_radius)).collect();
+        let most = power.iter().fold(0.0, |m: f64, p| m.max(*p));
+        if !power.iter().all(|p| p.is_finite()) {
+            return None;
+        }
+        // Relative to the strongest, so that no scale of units overflows.
+        let weights: Vec<f32> = power.iter().map(|p| if most > 0.0 { (p / most) as f32 } else { 0.0 }).collect();
+        Some(Self { by_power: Discrete::new(&weights) })
     }
 
     /// An emitter for the point `p` with normal `n`, and the probability of that choice; `None` in a scene without light.

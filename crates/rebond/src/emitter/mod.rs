@@ -9,7 +9,7 @@ mod light_sampler;
 pub use environment::{Environment, EnvironmentImage};
 pub use light_sampler::LightSampler;
 
-use crate::math::{Frame, Rgb, Vec3, luminance};
+use crate::math::{Frame, LUMINANCE, Rgb, Vec3};
 use crate::sampling::warp::{uniform_cone, uniform_cone_pdf, uniform_disk, uniform_sphere, uniform_triangle};
 use crate::sampling::{PdfArea, PdfSolidAngle};
 use glam::Vec3 as V;
@@ -120,15 +120,19 @@ const RECORDS: u32 = 5;
 
 impl Emitter {
     /// Power in W (per colour channel), for the choice among emitters; `scene_radius` is what infinite ones shine on.
-    pub fn power(&self, scene_radius: f32) -> [f32; 3] {
-        let disk = PI * scene_radius * scene_radius;
+    pub fn power(&self, scene_radius: f32) -> [f64; 3] {
+        use std::f64::consts::PI;
+        let area = |a: V, b: V| f64::from(a.cross(b).length());
+        let squared = |x: f32| f64::from(x) * f64::from(x);
+        let disk = PI * squared(scene_radius);
         let (c, factor) = match *self {
-            Self::Triangle { p: [_, a, b], radiance } => (radiance, PI * 0.5 * a.cross(b).length()),
-            Self::Parallelogram { p: [_, a, b], radiance } => (radiance, PI * a.cross(b).length()),
-            Self::Sphere { radius, radiance, .. } => (radiance, PI * 4.0 * PI * radius * radius),
-            Self::Disk { radius, radiance, .. } => (radiance, PI * PI * radius * radius),
+            Self::Triangle { p: [_, a, b], radiance } => (radiance, PI * 0.5 * area(a, b)),
+            Self::Parallelogram { p: [_, a, b], radiance } => (radiance, PI * area(a, b)),
+            Self::Sphere { radius, radiance, .. } => (radiance, PI * 4.0 * PI * squared(radius)),
+            Self::Disk { radius, radiance, .. } => (radiance, PI * PI * squared(radius)),
             Self::Point { intensity, .. } => (intensity, 4.0 * PI),
-            Self::Spot { angles: [inner, outer], intensity, .. } => {
+            Self::Spot { angles, intensity, .. } => {
+                let [inner, outer] = angles.map(f64::from);
                 // A ramp in the angle, integrated over the sphere.
                 let ramp = if outer > inner { (inner.sin() - outer.sin()) / (outer - inner) } else { -outer.cos() };
                 (intensity, 2.0 * PI * (1.0 + ramp))
@@ -136,7 +140,7 @@ impl Emitter {
             Self::Directional { irradiance, .. } => (irradiance, disk),
             Self::Environment { mean, .. } => (mean, 4.0 * PI * disk),
         };
-        c.map(|c| c * factor)
+        c.map(|c| if c == 0.0 { 0.0 } else { f64::from(c) * factor })
     }
 
     fn records(&self) -> [Record; RECORDS as usize] {
@@ -225,7 +229,7 @@ pub struct EmitterSample<F: Real> {
     pub wi: Vec3<F>,
     /// The point on it; unused where `infinite`.
     pub point: Vec3<F>,
-    /// Bound of the error of `point`, and the normal there: where a ray from there starts.
+    /// Bound of the error of `point`, per axis.
     pub error: F,
     /// Geometric normal at `point`.
     pub normal: Vec3<F>,
@@ -495,8 +499,8 @@ impl<F: Real> SphereCone<F> {
 }
 
 /// The power of an emitter as one number, for the choice among them.
-pub fn importance(emitter: &Emitter, scene_radius: f32) -> f32 {
-    luminance(emitter.power(scene_radius))
+fn importance(emitter: &Emitter, scene_radius: f32) -> f64 {
+    LUMINANCE.iter().zip(emitter.power(scene_radius)).map(|(w, p)| f64::from(*w) * p).sum()
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! Each emitter: χ² of its directions against its density, and irradiance against closed forms.
 
 use super::*;
+use crate::math::luminance;
 use crate::testing::{SIGNIFICANCE, chi2_directions, random_pairs, t_test_p_value};
 use rebond_lanes::scalar::Index1;
 
@@ -126,6 +127,17 @@ fn directions_follow_their_densities() {
         (environment.pdf(w).0 / pdf.0 - 1.0).abs() > 1e-3
     });
     assert!(strays.count() < 20);
+    // Density follows radiance: L/pdf hardly varies, away from the poles (sinθ bends within the outermost rows).
+    let weight = |u| {
+        let (w, pdf) = environment.sample::<f32>(u);
+        // This image's top is world +z.
+        (w.z.abs() < 0.9).then(|| luminance(environment.radiance(w).lane(0)) / pdf.0)
+    };
+    let weights: Vec<f32> = random_pairs(4000).filter_map(weight).collect();
+    let n = weights.len() as f32;
+    let mean = weights.iter().sum::<f32>() / n;
+    let variance = weights.iter().map(|w| (w / mean - 1.0).powi(2)).sum::<f32>() / n;
+    assert!(variance < 5e-3, "relative variance of L/pdf: {variance}");
 }
 
 #[test]
@@ -152,15 +164,18 @@ fn points_and_beams_have_no_density_and_the_right_irradiance() {
             ramp * std::f64::consts::TAU * a.sin() * std::f64::consts::PI / 200_000.0
         })
         .sum();
-    assert!((f64::from(spot.power(1.0)[0]) / sum - 1.0).abs() < 1e-4);
+    assert!((spot.power(1.0)[0] / sum - 1.0).abs() < 1e-4);
 }
 
 #[test]
 fn the_choice_follows_power() {
     let emitters =
         [rectangle(1.0), Emitter::Point { position: V::ONE, intensity: [0.0; 3] }, sphere(V::ONE, 0.5, false)];
-    let choice = LightSampler::new(&emitters, 1.0);
+    let choice = LightSampler::new(&emitters, 1.0).expect("finite powers");
     let p: Vec<f32> = (0..3).map(|i| choice.probability::<f32>(Vec3::zero(), Vec3::zero(), Index1(i))).collect();
     assert!((p[0] / p[2] - 4.0 / PI).abs() < 1e-5 && p[1] == 0.0);
-    assert!(LightSampler::new(&[], 1.0).sample(Vec3::zero(), Vec3::zero(), || 0.5_f32).is_none());
+    assert!(LightSampler::new(&emitters, f32::INFINITY).is_some(), "only infinite lights shine on the whole scene");
+    let sky = Emitter::Environment { number: 0, mean: [1.0; 3] };
+    assert!(LightSampler::new(&[sky], f32::INFINITY).is_none() && LightSampler::new(&[sky], 1e30).is_some());
+    assert!(LightSampler::new(&[], 1.0).expect("nothing").sample(Vec3::zero(), Vec3::zero(), || 0.5_f32).is_none());
 }

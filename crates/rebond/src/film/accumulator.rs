@@ -7,21 +7,26 @@
 use super::{Channel, Image, Layer};
 use crate::math;
 
-/// Fraction bits of the sums of values, and of squares. An i128 then reaches to 9·10¹⁸ and 6·10²³.
+/// Fraction bits of the sums of values and of squares. An i128 then reaches to 9·10¹⁸; sums of squares saturate there,
+/// and lose the variance of samples below about 10⁻⁹.
 const VALUE_BITS: i32 = 64;
-const SQUARE_BITS: i32 = 48;
+const SQUARE_BITS: i32 = 64;
 
 /// Values of this size and beyond are taken for errors, as infinities and NaN are.
-pub const LARGEST_SAMPLE: f32 = 4_294_967_296.0;
+pub const LARGEST_SAMPLE: f32 = 4_294_967_296.0; // 2³²
 
-/// A finite |x| < 2⁶⁴ as a multiple of 2^−bits, rounded towards zero.
+/// A finite number as a multiple of 2^−bits, rounded towards zero; the largest i128 if it is out of reach.
 #[inline(always)]
 fn fixed(x: f64, bits: i32) -> i128 {
     let b = x.to_bits();
     let exponent = (b >> 52 & 0x7ff) as i32;
     let mantissa = ((b & ((1 << 52) - 1)) | 1 << 52) as i128;
     let shift = exponent - 1075 + bits;
-    let magnitude = if shift >= 0 { mantissa << shift.min(74) } else { mantissa >> (-shift).min(127) };
+    let magnitude = match shift {
+        75.. => i128::MAX,
+        0.. => mantissa << shift,
+        _ => mantissa >> (-shift).min(127),
+    };
     if x < 0.0 { -magnitude } else { magnitude }
 }
 
@@ -75,11 +80,14 @@ impl Pixel {
         self.sum.map(|s| float(s, VALUE_BITS) / (self.samples.max(1)) as f64)
     }
 
-    /// The variance of one sample (unbiased); 0 with fewer than two.
+    /// The variance of one sample (unbiased); 0 with fewer than two, infinite where the squares are out of reach.
     pub fn variance(&self) -> [f64; 3] {
         let n = self.samples as f64;
         let mean = self.mean();
         std::array::from_fn(|c| {
+            if self.squares[c] == i128::MAX {
+                return f64::INFINITY;
+            }
             let sum_of_squares = float(self.squares[c], SQUARE_BITS) - n * mean[c] * mean[c];
             if self.samples < 2 { 0.0 } else { (sum_of_squares / (n - 1.0)).max(0.0) }
         })
@@ -98,6 +106,15 @@ impl Film {
     /// A black film.
     pub fn new(width: u32, height: u32) -> Self {
         Self { width, height, pixels: vec![Pixel::default(); width as usize * height as usize] }
+    }
+
+    /// A black film, or `None` if there is not enough memory for it.
+    pub fn try_new(width: u32, height: u32) -> Option<Self> {
+        let mut pixels = Vec::new();
+        let n = width as usize * height as usize;
+        pixels.try_reserve_exact(n).ok()?;
+        pixels.resize(n, Pixel::default());
+        Some(Self { width, height, pixels })
     }
 
     /// Width in pixels.
@@ -226,6 +243,14 @@ mod tests {
         [1.0, 2.0, 3.0, 4.0].iter().for_each(|x| p.add([*x, 5.0, 0.0]));
         assert_eq!(p.mean(), [2.5, 5.0, 0.0]);
         assert!((p.variance()[0] - 5.0 / 3.0).abs() < 1e-12 && p.variance()[1].abs() < 1e-9);
+        // Squares may be out of reach; the mean is not touched.
+        let mut bright = Pixel::default();
+        [3e9, 4e9, 1.0].iter().for_each(|x| bright.add([*x; 3]));
+        assert_eq!((bright.mean()[0], bright.dropped), (7_000_000_001.0 / 3.0, 0));
+        assert_eq!(bright.variance()[0], f64::INFINITY);
+        let mut dim = Pixel::default();
+        [1e-8, 3e-8].iter().for_each(|x| dim.add([*x; 3]));
+        assert!((dim.variance()[0] / 2e-16 - 1.0).abs() < 1e-3);
         for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e30] {
             p.add([0.0, bad, 0.0]);
         }

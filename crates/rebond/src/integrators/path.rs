@@ -18,6 +18,7 @@ use crate::transport::power_heuristic;
 use rebond_bvh::Hit;
 use rebond_lanes::{Index, Mask, Real};
 use serde::{Deserialize, Serialize};
+use std::num::NonZeroU32;
 
 /// How light that arrives directly is estimated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -33,7 +34,7 @@ pub enum PathMode {
 #[serde(deny_unknown_fields, default)]
 pub struct PathSettings {
     /// Longest path in segments: 1 is emitted light only, 2 direct light too. Unlimited if not given.
-    pub max_depth: Option<u32>,
+    pub max_depth: Option<NonZeroU32>,
     /// Segments after which Russian roulette begins.
     pub rr_depth: u32,
     /// How direct light is estimated.
@@ -68,7 +69,7 @@ pub struct Path {
 
 impl Path {
     pub(super) fn new(settings: PathSettings) -> Self {
-        Self { max_depth: settings.max_depth.unwrap_or(u32::MAX), rr_depth: settings.rr_depth }
+        Self { max_depth: settings.max_depth.map_or(u32::MAX, NonZeroU32::get), rr_depth: settings.rr_depth }
     }
 }
 

@@ -38,6 +38,8 @@ struct Deadline<'a> {
     observer: &'a dyn Observer,
     end: Option<Instant>,
     interrupted: AtomicBool,
+    /// The first pass is finished whatever the time, so that no pixel stays empty.
+    first_pass: AtomicBool,
 }
 
 impl Observer for Deadline<'_> {
@@ -49,7 +51,7 @@ impl Observer for Deadline<'_> {
             self.interrupted.store(true, Ordering::Relaxed);
             return true;
         }
-        self.end.is_some_and(|end| Instant::now() >= end)
+        !self.first_pass.load(Ordering::Relaxed) && self.end.is_some_and(|end| Instant::now() >= end)
     }
 }
 
@@ -65,7 +67,7 @@ pub fn render(
 ) -> RenderStatistics {
     let start = Instant::now();
     let end = budget.time.and_then(|t| start.checked_add(t));
-    let deadline = Deadline { observer, end, interrupted: AtomicBool::new(false) };
+    let deadline = Deadline { observer, end, interrupted: AtomicBool::new(false), first_pass: AtomicBool::new(true) };
     let last = budget.samples.map_or(u32::MAX, |n| first.saturating_add(n));
     let mut statistics = RenderStatistics::default();
     let before = film.samples();
@@ -76,16 +78,17 @@ pub fn render(
         // picture should be complete at every power of two.
         let pass_end = match (budget.error, budget.time) {
             (None, None) if budget.samples.is_some() => last,
-            (Some(_), _) => (at - first).max(FIRST_JUDGEMENT).saturating_add(at).min(last),
+            (Some(_), None) => (at - first).max(FIRST_JUDGEMENT).saturating_add(at).min(last),
             _ => (at - first).max(1).saturating_add(at).min(last),
         };
         let pass = Pass { region, samples: at..pass_end, threads };
         statistics.rays += integrator.add_samples(&shared, &pass, &deadline);
         at = pass_end;
+        deadline.first_pass.store(false, Ordering::Relaxed);
         let film = shared.lock().unwrap_or_else(|e| e.into_inner());
         let error = film.relative_error();
         observer.pass_done(at - first, error);
-        if budget.error.is_some_and(|target| error <= target) {
+        if at - first >= FIRST_JUDGEMENT && budget.error.is_some_and(|target| error <= target) {
             break;
         }
     }

@@ -2,33 +2,40 @@
 
 use super::{Observer, Pass};
 use crate::film::{Film, Pixel};
+use std::ops::Range;
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Side of a tile in pixels.
 pub const SIDE: u32 = 16;
 /// Pixels of a tile.
 pub const TILE: usize = (SIDE * SIDE) as usize;
 
-/// The tiles of a pass. A tile belongs to one thread, which adds up its samples and hands the sums over when all are
-/// done; sums are exact, so no order shows in them.
+/// Samples per pixel of one visit to a tile: what is lost at most when a render is told to stop.
+const VISIT: u32 = 32;
+
+/// The tiles of a pass, visited once for every [`VISIT`] samples: all of them for the first, then all for the next. A
+/// visit belongs to one thread, which adds up its samples and hands the sums over when all are done; sums are exact, so
+/// no order shows in them.
 pub struct Tiles<'a> {
     pass: &'a Pass,
     film: &'a Mutex<Film>,
     observer: &'a dyn Observer,
-    next: AtomicU32,
+    next: AtomicU64,
     columns: u32,
-    count: u32,
+    tiles: u64,
+    visits: u64,
     rays: AtomicU64,
 }
 
-/// A tile: its first pixel relative to the region, and its size.
-#[derive(Clone, Copy, Debug)]
+/// A visit to a tile: the tile's first pixel relative to the region, its size, and the samples of each pixel.
+#[derive(Clone, Debug)]
 pub struct Tile {
     pub x: u32,
     pub y: u32,
     pub width: u32,
     pub height: u32,
+    pub samples: Range<u32>,
 }
 
 /// One sample of one pixel.
@@ -48,13 +55,14 @@ pub struct Sample {
 impl<'a> Tiles<'a> {
     pub fn new(film: &'a Mutex<Film>, pass: &'a Pass, observer: &'a dyn Observer) -> Self {
         let (columns, rows) = (pass.region.width.div_ceil(SIDE), pass.region.height.div_ceil(SIDE));
-        let count = if pass.samples.is_empty() { 0 } else { columns * rows };
-        Self { pass, film, observer, next: AtomicU32::new(0), columns, count, rays: AtomicU64::new(0) }
+        let tiles = u64::from(columns) * u64::from(rows);
+        let visits = tiles * (pass.samples.len() as u64).div_ceil(u64::from(VISIT));
+        Self { pass, film, observer, next: AtomicU64::new(0), columns, tiles, visits, rays: AtomicU64::new(0) }
     }
 
     /// Runs a worker on each thread; returns the rays they traced.
     pub fn run(&self, worker: impl Fn(&Self) + Sync) -> u64 {
-        let threads = self.pass.threads.clamp(1, self.count.max(1) as usize);
+        let threads = self.pass.threads.clamp(1, self.visits.clamp(1, 1024) as usize);
         std::thread::scope(|scope| {
             for _ in 1..threads {
                 scope.spawn(|| worker(self));
@@ -70,24 +78,30 @@ impl<'a> Tiles<'a> {
             return None;
         }
         let n = self.next.fetch_add(1, Ordering::Relaxed);
-        let (x, y) = (n % self.columns * SIDE, n / self.columns * SIDE);
-        let r = &self.pass.region;
-        (n < self.count).then(|| Tile { x, y, width: SIDE.min(r.width - x), height: SIDE.min(r.height - y) })
+        if n >= self.visits {
+            return None;
+        }
+        let (tile, visit) = ((n % self.tiles) as u32, (n / self.tiles) as u32);
+        let (x, y) = (tile % self.columns * SIDE, tile / self.columns * SIDE);
+        let (r, all) = (&self.pass.region, &self.pass.samples);
+        let first = all.start + visit * VISIT;
+        let samples = first..all.end.min(first.saturating_add(VISIT));
+        Some(Tile { x, y, width: SIDE.min(r.width - x), height: SIDE.min(r.height - y), samples })
     }
 
-    /// How many samples a tile has.
+    /// How many samples a visit has.
     pub fn samples_of(&self, tile: &Tile) -> u32 {
-        tile.width * tile.height * self.pass.samples.len() as u32
+        tile.width * tile.height * tile.samples.len() as u32
     }
 
-    /// Sample `n` of a tile: all samples of a pixel, then those of the next.
+    /// Sample `n` of a visit: all samples of a pixel, then those of the next.
     #[inline(always)]
     pub fn sample(&self, tile: &Tile, n: u32) -> Sample {
-        let per_pixel = self.pass.samples.len() as u32;
+        let per_pixel = tile.samples.len() as u32;
         let (slot, index) = (n / per_pixel, n % per_pixel);
         let r = &self.pass.region;
         let (x, y) = (r.x + tile.x + slot % tile.width, r.y + tile.y + slot / tile.width);
-        Sample { x, y, pixel: y * r.full_width + x, index: self.pass.samples.start + index, slot }
+        Sample { x, y, pixel: y.wrapping_mul(r.full_width).wrapping_add(x), index: tile.samples.start + index, slot }
     }
 
     /// Hands the sums of a tile over, for which `rays` were traced since the last time.

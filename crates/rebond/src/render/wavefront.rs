@@ -107,7 +107,7 @@ impl<'a, S: Shade> Worker<'a, S> {
     fn refill(&mut self) {
         while self.paths < WAVE {
             let Some((place, next)) = self.source.or_else(|| self.open_tile()) else { return };
-            let tile = self.open[place].as_ref().expect("the source is open").tile;
+            let tile = self.open[place].as_ref().expect("the source is open").tile.clone();
             let total = self.tiles.samples_of(&tile);
             let n = (total - next).min((WAVE - self.paths).min(LANES) as u32);
             self.start(place, &tile, next, n);

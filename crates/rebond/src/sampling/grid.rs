@@ -1,95 +1,112 @@
-//! A density on the unit square, constant on each cell of a grid, sampled by descending a quadtree of sums.
+//! A density on a grid, constant on each cell, sampled by descending a tree of sums.
 //!
 //! Unlike a table of aliases the descent is continuous in u, so it keeps the stratification of its input (hierarchical
-//! sample warping, Clarberg et al. 2005). Each node is one record: the sums of its four children.
+//! sample warping, Clarberg et al. 2005). Each node is one record: the sums of its up to four children.
 
 use rebond_lanes::{Index, Real, Record};
 
-/// A piecewise constant density on [0, 1)².
+/// A piecewise constant density on the cells of a grid.
 #[derive(Clone, Debug)]
 pub struct Grid {
-    size: [u32; 2],
-    levels: u32,
-    /// Levels from the root; level l holds 4^l nodes, row by row.
+    /// Levels from the root; the last one's children are the cells.
+    levels: Vec<Level>,
     nodes: Vec<Record>,
-    /// Where each level starts.
-    start: Vec<u32>,
-    /// cells / total of the weights.
+    /// 1 / sum of the weights.
     scale: f32,
 }
 
+#[derive(Clone, Copy, Debug)]
+struct Level {
+    /// Place of its first node.
+    start: u32,
+    /// log₂ of the nodes in a row.
+    row_bits: u32,
+    /// By how many bits the position grows along x and y from here to the children: 0 or 1.
+    grows: [u32; 2],
+}
+
+/// A cell, the place within it, and its probability.
+#[derive(Clone, Copy, Debug)]
+pub struct Cell<F: Real> {
+    /// Column.
+    pub x: F::Index,
+    /// Row.
+    pub y: F::Index,
+    /// What is left of u: uniform in [0, 1)², independent of the cell.
+    pub u: [F; 2],
+    /// Probability of the cell.
+    pub probability: F,
+}
+
 impl Grid {
-    /// A density proportional to finite, non-negative weights, `size[0]` to a row; `None` if they are all 0.
+    /// Cells chosen in proportion to finite, non-negative weights, `size[0]` to a row; `None` if they are all 0.
     ///
     /// # Panics
     /// If there are not `size[0] · size[1]` weights.
     pub fn new(size: [u32; 2], weights: &[f32]) -> Option<Self> {
         assert_eq!(weights.len(), size[0] as usize * size[1] as usize);
-        let levels = size[0].max(size[1]).next_power_of_two().ilog2().max(1);
-        let side = 1_usize << levels;
-        let mut sums = vec![0.0_f64; side * side];
-        for (y, row) in weights.chunks(size[0] as usize).enumerate() {
-            for (x, w) in row.iter().enumerate() {
-                sums[y * side + x] = f64::from(*w);
-            }
+        let bits = size.map(|n| n.next_power_of_two().ilog2());
+        let mut width = 1_usize << bits[0];
+        let mut sums = vec![0.0_f64; width << bits[1]];
+        for (row, from) in sums.chunks_mut(width).zip(weights.chunks(size[0] as usize)) {
+            row.iter_mut().zip(from).for_each(|(sum, w)| *sum = f64::from(*w));
         }
-        let mut by_level = Vec::new();
-        for level in (0..levels).rev() {
-            let side = 1_usize << level;
-            let four = |y: usize, x: usize| {
-                let at = 2 * y * 2 * side + 2 * x;
-                [sums[at], sums[at + 1], sums[at + 2 * side], sums[at + 2 * side + 1]]
+        // From the cells up: halve whatever side is longer than one, always at least one level.
+        let mut from_below: Vec<(Level, Vec<Record>)> = Vec::new();
+        let (mut bx, mut by) = (bits[0], bits[1]);
+        while from_below.is_empty() || bx + by > 0 {
+            let grows = [bx.min(1), by.min(1)];
+            (bx, by) = (bx - grows[0], by - grows[1]);
+            let children = |i: usize| {
+                let (x, y) = ((i & ((1 << bx) - 1)) << grows[0], (i >> bx) << grows[1]);
+                let sum = |right: bool, lower: bool| {
+                    let exists = (!right || grows[0] == 1) && (!lower || grows[1] == 1);
+                    if exists { sums[(y + usize::from(lower)) * width + x + usize::from(right)] } else { 0.0 }
+                };
+                [sum(false, false), sum(true, false), sum(false, true), sum(true, true)]
             };
-            let children: Vec<[f64; 4]> = (0..side * side).map(|i| four(i / side, i % side)).collect();
-            by_level.push(children.iter().map(|c| Record(c.map(|v| v as f32))).collect::<Vec<_>>());
-            sums = children.iter().map(|c| c.iter().sum()).collect();
+            let all: Vec<[f64; 4]> = (0..1_usize << (bx + by)).map(children).collect();
+            let records = all.iter().map(|c| Record(c.map(|v| v as f32))).collect();
+            from_below.push((Level { start: 0, row_bits: bx, grows }, records));
+            sums = all.iter().map(|c| c.iter().sum()).collect();
+            width = 1 << bx;
         }
         let total = sums[0];
         if !(total > 0.0 && total.is_finite()) {
             return None;
         }
-        by_level.reverse();
-        let start = by_level.iter().scan(0, |at, l| Some(std::mem::replace(at, *at + l.len() as u32))).collect();
-        let cells = f64::from(size[0]) * f64::from(size[1]);
-        Some(Self { size, levels, nodes: by_level.concat(), start, scale: (cells / total) as f32 })
+        let (mut levels, mut nodes) = (Vec::new(), Vec::new());
+        for (level, records) in from_below.into_iter().rev() {
+            levels.push(Level { start: nodes.len() as u32, ..level });
+            nodes.extend(records);
+        }
+        Some(Self { levels, nodes, scale: (1.0 / total) as f32 })
     }
 
-    /// A point of [0, 1)² and its density, from u in [0, 1)².
+    /// A cell, from u in [0, 1)².
     #[inline]
-    pub fn sample<F: Real>(&self, u: [F; 2]) -> ([F; 2], F) {
+    pub fn sample<F: Real>(&self, u: [F; 2]) -> Cell<F> {
         let [mut ux, mut uy] = u;
         let (mut x, mut y) = (F::Index::splat(0), F::Index::splat(0));
         let mut weight = F::zero();
         let below_one = F::splat(super::sampler::ONE_MINUS_EPSILON);
-        for level in 0..self.levels {
-            let node = F::Index::splat(self.start[level as usize]) + (y << level) + x;
+        for level in &self.levels {
+            let node = F::Index::splat(level.start) + (y << level.row_bits) + x;
             let [a, b, c, d] = F::record(&self.nodes, node);
-            let (top, bottom) = (a + b, c + d);
-            let (lower, v) = split(uy, top, bottom);
+            let (lower, v) = split(uy, a + b, c + d);
             let (p, q) = (F::select(lower, c, a), F::select(lower, d, b));
             let (right, w) = split(ux, p, q);
             weight = F::select(right, q, p);
             (ux, uy) = (w.min(below_one), v.min(below_one));
             let one = |m| F::Index::select(m, F::Index::splat(1), F::Index::splat(0));
-            (x, y) = ((x << 1) + one(right), (y << 1) + one(lower));
+            (x, y) = ((x << level.grows[0]) + one(right), (y << level.grows[1]) + one(lower));
         }
-        let point = [
-            (F::from_index(x) + ux) * (1.0 / self.size[0] as f32),
-            (F::from_index(y) + uy) * (1.0 / self.size[1] as f32),
-        ];
-        (point, weight * self.scale)
+        Cell { x, y, u: [ux, uy], probability: weight * self.scale }
     }
 
-    /// The density at a point of [0, 1)².
-    #[inline]
-    pub fn pdf<F: Real>(&self, p: [F; 2]) -> F {
-        let cell = |p: F, n: u32| (p.relu() * n as f32).to_index().min(F::Index::splat(n - 1));
-        let (x, y) = (cell(p[0], self.size[0]), cell(p[1], self.size[1]));
-        let level = self.levels - 1;
-        let node = F::Index::splat(self.start[level as usize]) + ((y >> 1) << level) + (x >> 1);
-        let [a, b, c, d] = F::record(&self.nodes, node);
-        let odd = |i: F::Index| (i & F::Index::splat(1)).eq(F::Index::splat(1));
-        F::select(odd(y), F::select(odd(x), d, c), F::select(odd(x), b, a)) * self.scale
+    /// Bytes held.
+    pub fn bytes(&self) -> usize {
+        size_of_val(&*self.nodes)
     }
 }
 
@@ -101,4 +118,52 @@ fn split<F: Real>(u: F, first: F, second: F) -> (F::Mask, F) {
     let takes_second = (at.ge(first) & second.gt(F::zero())) | first.le(F::zero());
     let within = F::select(takes_second, (at - first) / second, at / first);
     (takes_second, within.relu())
+}
+
+/// A place in [0, 1) of density linear from `a` to `b`, not both 0, given u in [0, 1).
+#[inline(always)]
+pub fn linear<F: Real>(u: F, a: F, b: F) -> F {
+    let root = (a * a * (F::one() - u) + b * b * u).sqrt();
+    let x = u * (a + b) / (a + root);
+    F::select(u.gt(F::zero()), x, F::zero()).min(F::splat(super::sampler::ONE_MINUS_EPSILON))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{chi2_square, random_pairs};
+
+    #[test]
+    fn cells_have_their_shares() {
+        for size in [[5, 4], [1, 10], [20, 1], [1, 1], [2, 5], [64, 3], [7, 9]] {
+            let n = size[0] * size[1];
+            let weights: Vec<f32> = (0..n).map(|i| [0.0, 1.0, 5.0, 0.2, 0.0, 30.0][(i * 7 + 1) as usize % 6]).collect();
+            let total: f32 = weights.iter().sum();
+            let grid = Grid::new(size, &weights).expect("some weight");
+            let density = |x: u32, y: u32| weights[(y * size[0] + x) as usize] / total * n as f32;
+            // The test's bins must not cut cells.
+            if 20 % size[0] == 0 && 20 % size[1] == 0 {
+                let place = |u: [f32; 2]| {
+                    let c = grid.sample(u);
+                    [(c.x.0 as f32 + c.u[0]) / size[0] as f32, (c.y.0 as f32 + c.u[1]) / size[1] as f32]
+                };
+                let at = |p: f32, n: u32| ((p * n as f32) as u32).min(n - 1);
+                chi2_square("grid", place, |p| density(at(p[0], size[0]), at(p[1], size[1])));
+            }
+            for u in random_pairs(2000) {
+                let c = grid.sample::<f32>(u);
+                assert!(c.x.0 < size[0] && c.y.0 < size[1] && c.probability > 0.0);
+                assert!((c.probability * n as f32 / density(c.x.0, c.y.0) - 1.0).abs() < 1e-5);
+            }
+        }
+        assert!(Grid::new([2, 2], &[0.0; 4]).is_none());
+    }
+
+    #[test]
+    fn linear_densities() {
+        for (a, b) in [(1.0_f32, 3.0), (2.0, 0.0), (0.0, 1.0), (1.0, 1.0)] {
+            let density = |p: [f32; 2]| (a + (b - a) * p[0]) / (0.5 * (a + b));
+            chi2_square("linear", |u| [linear(u[0], a, b), u[1]], density);
+        }
+    }
 }

@@ -113,7 +113,7 @@ impl Sampler {
     /// The values of one sample of one pixel.
     #[inline(always)]
     pub fn stream<F: Real>(&self, pixel: F::Index, index: F::Index) -> Stream<F> {
-        Stream { pixel_hash: mix(pixel ^ F::Index::splat(self.seed)), index, sampler: *self }
+        Stream { pixel_hash: mix(mix(pixel) + F::Index::splat(self.seed)), index, sampler: *self }
     }
 }
 

@@ -134,17 +134,4 @@ mod tests {
         chi2_square("disk", disk, |p| if in_disk(p) { 4.0 * FRAC_1_PI } else { 0.0 });
         chi2_square("triangle", uniform_triangle, |p| if p[0] + p[1] <= 1.0 { 2.0 } else { 0.0 });
     }
-
-    #[test]
-    fn grids_follow_their_densities() {
-        let weights: Vec<f32> = (0..35).map(|i| [0.0, 1.0, 5.0, 0.2, 0.0, 30.0][i * 7 % 6]).collect();
-        let grid = crate::sampling::Grid::new([5, 7], &weights).expect("some weight");
-        chi2_square("grid", |u| grid.sample(u).0, |p| grid.pdf(p));
-        for i in 0..2000 {
-            let u = [i as f32 * 0.618_034 % 1.0, i as f32 * 0.414_213_56 % 1.0];
-            let (p, density) = grid.sample(u);
-            assert!(density > 0.0 && (density - grid.pdf(p)).abs() < 1e-6 * density, "{p:?}");
-        }
-        assert!(crate::sampling::Grid::new([2, 2], &[0.0; 4]).is_none());
-    }
 }

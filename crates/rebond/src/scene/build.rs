@@ -12,7 +12,7 @@ use super::{
 use crate::bsdf::{Model, SMOOTH};
 use crate::camera::{Camera, Projection};
 use crate::emitter::{Emitter, Emitters, Environment, EnvironmentImage, LightSampler, NO_EMITTER};
-use crate::film::{Filter, FilterSettings, Image};
+use crate::film::{Filter, FilterSettings, Image, LARGEST_SAMPLE};
 use crate::shape::MeshData;
 use crate::texture::{Encoding, Textures};
 use glam::{DAffine3, DVec3, Vec3};
@@ -21,6 +21,9 @@ use rebond_lanes::Record;
 use std::collections::BTreeMap;
 
 type Result<T> = std::result::Result<T, BuildError>;
+
+/// Flag of a material that is a dielectric, or a mix that has one in it.
+const HAS_DIELECTRIC: u32 = 1;
 
 /// Which reader a mesh file needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -84,7 +87,9 @@ fn film_size(description: &SceneDescription) -> Result<[u32; 2]> {
         }
     }
     if u64::from(film.width) * u64::from(film.height) > 1 << 28 {
-        return Err(BuildError::new("film", "a film of more than 2^28 pixels").help("the largest square has a side of 16384"));
+        return Err(
+            BuildError::new("film", "a film of more than 2^28 pixels").help("the largest square has a side of 16384")
+        );
     }
     Ok([film.width, film.height])
 }
@@ -115,6 +120,9 @@ fn unknown<'a>(path: &str, what: &str, name: &str, known: impl Iterator<Item = &
     BuildError::new(path, format!("there is no {what} \"{name}\"")).help(help)
 }
 
+/// The brightest light a scene may have: a hundredth of what a film holds, to leave room for what focuses it.
+const BRIGHTEST: f32 = LARGEST_SAMPLE / 128.0;
+
 /// A finite number within a range.
 fn number(path: &str, x: f32, range: std::ops::RangeInclusive<f32>, what: &str) -> Result<f32> {
     if x.is_finite() && range.contains(&x) {
@@ -125,10 +133,14 @@ fn number(path: &str, x: f32, range: std::ops::RangeInclusive<f32>, what: &str) 
 
 /// A finite colour that is not negative.
 fn light(path: &str, c: Color) -> Result<[f32; 3]> {
-    if c.0.iter().all(|x| x.is_finite() && *x >= 0.0) {
-        return Ok(c.0);
+    if !c.0.iter().all(|x| x.is_finite() && *x >= 0.0) {
+        return Err(BuildError::new(path, "light is finite and not negative"));
     }
-    Err(BuildError::new(path, "light is finite and not negative"))
+    if c.0.iter().any(|x| *x > BRIGHTEST) {
+        let error = BuildError::new(path, format!("light of more than {BRIGHTEST:e} is brighter than a film can hold"));
+        return Err(error.help("dim all lights of the scene alike, and raise --exposure"));
+    }
+    Ok(c.0)
 }
 
 fn reflectance(path: &str, c: Color) -> Result<[f32; 3]> {
@@ -217,7 +229,6 @@ struct Builder<'a> {
     environments: Vec<Environment>,
     /// Shapes that need an instance of their own: moving ones, and round ones that are stretched.
     apart: Vec<(Part, Motion, String)>,
-    /// Emissive round and mesh shapes: (shape record, primitives before its part).
     warnings: Vec<String>,
     primitives_before: u32,
 }
@@ -288,7 +299,8 @@ impl<'a> Builder<'a> {
     fn simple(&mut self, model: Model, path: &str, key: &str, texture: &Texture, p: [f32; 8]) -> Result<u32> {
         let (color, texture) = self.texture(&format!("{path}.{key}"), texture)?;
         self.features.models |= 1 << model as u32;
-        Ok(self.push_material([model as u32, texture, 0, 0], color, p))
+        let inside = if matches!(model, Model::Dielectric | Model::RoughDielectric) { HAS_DIELECTRIC } else { 0 };
+        Ok(self.push_material([model as u32, texture, 0, inside], color, p))
     }
 
     /// A factor and the number of an image + 1.
@@ -391,7 +403,8 @@ impl<'a> Builder<'a> {
                     }
                 }
                 self.features.mixes = true;
-                Ok(self.push_material([MIX, a, b, 0], [weight, 0.0, 0.0], [0.0; 8]))
+                let inside = self.head(a)[3] | self.head(b)[3];
+                Ok(self.push_material([MIX, a, b, inside], [weight, 0.0, 0.0], [0.0; 8]))
             }
             M::TwoSided { front, back } => {
                 let a = self.material_ref(&format!("{path}.front"), front, depth + 1)?;
@@ -420,11 +433,7 @@ impl<'a> Builder<'a> {
 
     fn check_opaque(&self, path: &str, material: u32) -> Result<()> {
         let head = self.head(material);
-        if head[0] == MIX {
-            self.check_opaque(path, head[1])?;
-            return self.check_opaque(path, head[2]);
-        }
-        if [Model::Dielectric as u32, Model::RoughDielectric as u32].contains(&head[0]) {
+        if head[3] & HAS_DIELECTRIC != 0 {
             return Err(BuildError::new(path, "a dielectric already has two sides"));
         }
         if head[0] == TWO_SIDED {
@@ -602,22 +611,20 @@ impl<'a> Builder<'a> {
             let [a, b, c] = if mirrored { [t[0], t[2], t[1]] } else { *t }.map(corner);
             let (e1, e2) = (b - a, c - a);
             let twice = e1.cross(e2).length();
-            area += if twice.is_finite() { twice } else { 0.0 };
-            emitters.push(Emitter::Triangle {
-                p: [a, e1, e2],
-                radiance: if twice.is_finite() && twice > 0.0 { radiance } else { [0.0; 3] },
+            // A triangle without area, or not finite, is skipped by the rays and must not be drawn as a light either.
+            let sound = twice.is_finite() && twice > 0.0;
+            area += if sound { twice } else { 0.0 };
+            emitters.push(if sound {
+                Emitter::Triangle { p: [a, e1, e2], radiance }
+            } else {
+                Emitter::Triangle { p: [Vec3::ZERO, Vec3::X, Vec3::Y], radiance: [0.0; 3] }
             });
         }
         if parallelogram {
-            // The two triangles share their diagonal: the corner before it and the two beside are the parallelogram.
-            let [a, b, c] = if mirrored {
-                [1, 0, 2]
-            } else if mesh.triangles[0] == [0, 1, 2] {
-                [1, 2, 0]
-            } else {
-                [1, 0, 2]
-            }
-            .map(corner);
+            // The corner beside the diagonal that the two triangles share, and the ones next to it in the order that
+            // the shape's own triangles have.
+            let in_order = (mesh.triangles[0] == [0, 1, 2]) != mirrored;
+            let [a, b, c] = if in_order { [1, 2, 0] } else { [1, 0, 2] }.map(corner);
             emitters = vec![Emitter::Parallelogram { p: [a, b - a, c - a], radiance }];
         }
         if !(area > 0.0) {
@@ -653,7 +660,7 @@ impl<'a> Builder<'a> {
         let sign = if flip { -1.0 } else { 1.0 };
         self.analytic.push(Record([center.x, center.y, center.z, radius]));
         self.analytic.push(Record([x.x, x.y, x.z, sign]));
-        self.analytic.push(Record([z.x, z.y, z.z, 0.0]));
+        self.analytic.push(Record([z.x, z.y, z.z, if m.matrix3.determinant() < 0.0 { -1.0 } else { 1.0 }]));
         let shape = self.push_shape(look, if sphere { IS_SPHERE } else { IS_DISK }, 0);
         let record = Record::words([place, 0, 0, shape]);
         let emission = look.emission;
@@ -742,6 +749,12 @@ impl<'a> Builder<'a> {
             return Err(BuildError::new(at("file"), format!("\"{file}\" has texels that are negative or not finite")));
         }
         texels.iter_mut().flatten().for_each(|x| *x *= scale);
+        if texels.iter().flatten().any(|x| *x > BRIGHTEST) {
+            return Err(BuildError::new(
+                at("scale"),
+                format!("\"{file}\" times this is brighter than a film can hold, {BRIGHTEST:e}"),
+            ));
+        }
         let image = EnvironmentImage::new(size, &texels, axes.map(|a| a.as_vec3().to_array()));
         let image = image.ok_or_else(|| BuildError::new(at("file"), format!("\"{file}\" is black")))?;
         Ok(Environment::Image(Box::new(image)))
@@ -782,8 +795,8 @@ impl<'a> Builder<'a> {
             ..SceneStatistics::default()
         };
         let start = std::time::Instant::now();
-        let (accel, report) = Accel::build(geometries, instances, &BuildOptions::default())
-            .map_err(|e| accelerator_error(e, &placed))?;
+        let (accel, report) =
+            Accel::build(geometries, instances, &BuildOptions::default()).map_err(|e| accelerator_error(e, &placed))?;
         statistics.accelerator_seconds = start.elapsed().as_secs_f64();
         statistics.accelerator_bytes = report.bytes;
         for (n, what) in [
@@ -803,6 +816,10 @@ impl<'a> Builder<'a> {
         if !self.features.normals {
             self.normals = Vec::new();
         }
+        let light_sampler = LightSampler::new(&self.emitters, radius).ok_or_else(|| {
+            BuildError::new("emitters", "the power of a light is not a finite number")
+                .help("is a light or the scene too large?")
+        })?;
         let emitters = Emitters::new(&self.emitters, self.environments);
         let tables = [&primitives, &self.vertices, &self.normals, &self.shapes, &self.analytic, &self.materials];
         let bytes = tables.iter().map(|t| t.len() * size_of::<Record>()).sum::<usize>() + self.textures.bytes();
@@ -821,7 +838,7 @@ impl<'a> Builder<'a> {
             materials: self.materials,
             textures: self.textures,
             features: self.features,
-            light_sampler: LightSampler::new(&self.emitters, radius),
+            light_sampler,
             emitters,
             camera,
             filter,

@@ -74,7 +74,8 @@ pub struct Scene {
     normals: Vec<Record>,
     /// [material, emitter of its first primitive or none, flags, first primitive] (words).
     shapes: Vec<Record>,
-    /// Spheres and disks, three records each: [centre, radius], [x axis, ±1], [z axis, –].
+    /// Spheres and disks, three records each: [centre, radius], [x axis, side of the normal],
+    /// [z axis, handedness].
     analytic: Vec<Record>,
     /// Instances: `instance_stride` records each: per keyframe, time-stamped rows of the matrix.
     instances: Vec<Record>,
@@ -113,7 +114,7 @@ const IS_DISK: u32 = 8;
 /// Each of its primitives is an emitter of its own.
 const EMITTER_PER_PRIMITIVE: u32 = 16;
 
-/// Records of a material: [model, texture + 1, –, –] (words), [colour, –], parameters, parameters. A mix: [MIX, a, b, –]
+/// Records of a material: [model, texture + 1, –, flags] (words), [colour, –], parameters, parameters. A mix: [MIX, a, b, flags]
 /// (words), [weight of b, –, –, –]. A two-sided one: [TWO_SIDED, front, back, –] (words).
 const MATERIAL_RECORDS: u32 = 4;
 /// The model word of a mix.

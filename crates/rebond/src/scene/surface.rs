@@ -159,10 +159,10 @@ fn round<F: Real>(
 ) -> Local<F> {
     let place = F::Index::select(mask, place, F::Index::splat(0));
     let record = |n: u32| F::record(&scene.analytic, place + F::Index::splat(n));
-    let ([cx, cy, cz, radius], [sx, sy, sz, sign], [nx, ny, nz, _]) = (record(0), record(1), record(2));
+    let ([cx, cy, cz, radius], [sx, sy, sz, sign], [nx, ny, nz, hand]) = (record(0), record(1), record(2));
     let (center, axes) = (
         vec3(cx, cy, cz),
-        Frame { s: vec3(sx, sy, sz), t: vec3(nx, ny, nz).cross(vec3(sx, sy, sz)), n: vec3(nx, ny, nz) },
+        Frame { s: vec3(sx, sy, sz), t: vec3(nx, ny, nz).cross(vec3(sx, sy, sz)) * hand, n: vec3(nx, ny, nz) },
     );
     let (o, d) = (Vec3 { x: ray.o[0], y: ray.o[1], z: ray.o[2] }, Vec3 { x: ray.d[0], y: ray.d[1], z: ray.d[2] });
     let along = d.mul_add(hit.t, o);
@@ -182,7 +182,7 @@ fn round<F: Real>(
         error: (center.max_abs() + radius) * POINT_ERROR,
         ng: n,
         ns: n,
-        tangent: Vec3::select(sphere, axes.n.cross(out), axes.s) * F::splat(2.0 * PI),
+        tangent: Vec3::select(sphere, axes.n.cross(out) * hand, axes.s) * F::splat(2.0 * PI),
         uv: [u, v],
     }
 }

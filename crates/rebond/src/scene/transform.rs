@@ -131,7 +131,13 @@ fn keyframed(keyframes: &[Keyframe], path: &str) -> Result<Motion, BuildError> {
             }
             let (s0, r0, t0) = before.to_scale_rotation_translation();
             let (s1, r1, t1) = m.to_scale_rotation_translation();
-            let pieces = (turn(r0, r1) / LARGEST_TURN).ceil().max(1.0) as u32;
+            // A shear has no place in scale, rotation and translation: then the matrices themselves are interpolated.
+            let whole = |s, r, t, m: DAffine3| {
+                DAffine3::from_scale_rotation_translation(s, r, t)
+                    .abs_diff_eq(m, 1e-6 * m.matrix3.x_axis.length().max(1e-6))
+            };
+            let rigid = whole(s0, r0, t0, before) && whole(s1, r1, t1, m);
+            let pieces = if rigid { (turn(r0, r1) / LARGEST_TURN).ceil().max(1.0) as u32 } else { 1 };
             for piece in 1..pieces {
                 let x = f64::from(piece) / f64::from(pieces);
                 let between =
