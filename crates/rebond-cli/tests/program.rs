@@ -176,9 +176,17 @@ fn catches_interrupts(process: u32) -> bool {
 #[cfg(unix)]
 #[test]
 fn an_interrupt_still_writes_the_picture() {
+    for budget in [["--time", "60s"], ["--spp", "17000000"]] {
+        interrupt(budget);
+    }
+}
+
+#[cfg(unix)]
+fn interrupt(budget: [&str; 2]) {
     let folder = temporary();
     let start = Instant::now();
-    let arguments = ["render", "furnace", "--size", "8x8", "--time", "60s", "--json", "-o", "part.pfm"];
+    let [kind, amount] = budget;
+    let arguments = ["render", "furnace", "--size", "16x16", kind, amount, "--json", "-o", "part.pfm"];
     let child = rebond(&folder, &arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("a process");
     let (process, patience) = (child.id(), Duration::from_secs(10));
     while !catches_interrupts(process) && start.elapsed() < patience {

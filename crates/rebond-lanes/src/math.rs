@@ -3,6 +3,9 @@
 //! Each is accurate to a few units in the last place over the range that shading needs; the bound that its test holds
 //! stands beside it. The coefficients are minimax fits; range reductions follow Cody and Waite (1980).
 
+// The digits of the fits, not of their roundings.
+#![allow(clippy::excessive_precision)]
+
 use crate::{Index, Real};
 use std::f32::consts::{FRAC_PI_2, LN_2, LOG2_E, PI};
 

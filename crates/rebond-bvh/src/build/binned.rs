@@ -52,7 +52,7 @@ fn subtree(
 ) {
     let n = references.len();
     if n <= shape.leaf {
-        nodes[0] = Binary::leaf(bounds, first, n as u32);
+        nodes[0] = Binary::leaf(&bounds, first, n as u32);
         return;
     }
     let (middle, left, right) = if n == 2 {
@@ -71,7 +71,7 @@ fn subtree(
     let (references_left, references_right) = references.split_at_mut(middle);
     let (head, tail) = nodes.split_at_mut(2 * middle);
     let right_base = base + 2 * middle as u32;
-    head[0] = Binary { bounds, left: base + 1, right: right_base };
+    head[0] = Binary::new(&bounds, base + 1, right_base);
     let mut build_left =
         || subtree(references_left, &mut head[1..], (first, base + 1), left.0, left.1, depth + 1, shape);
     let mut build_right = || {
@@ -163,9 +163,9 @@ fn before(a: &Reference, b: &Reference, axis: usize) -> bool {
 }
 
 /// Bins along three axes.
-struct Bins {
-    bounds: [[Bounds; BINS]; 3],
-    counts: [[u32; BINS]; 3],
+struct Bins<const N: usize> {
+    bounds: [[Bounds; N]; 3],
+    counts: [[u32; N]; 3],
 }
 
 /// Which bin a centre falls into.
@@ -178,7 +178,7 @@ pub(crate) struct Grid {
 
 impl Grid {
     pub fn new(centers: &Bounds, n: usize) -> Self {
-        let bins = BINS.min(8 + n / 4);
+        let bins = if n <= 24 { 8 } else if n <= 128 { 16 } else { BINS };
         Self {
             lo2: std::array::from_fn(|k| centers.lo(k)),
             scale: std::array::from_fn(|k| {
@@ -210,24 +210,24 @@ pub(crate) struct Split {
 /// The cheapest split; none if all centres fall into one bin.
 pub(crate) fn best_split(references: &[Reference], centers: &Bounds) -> Option<Split> {
     let grid = Grid::new(centers, references.len());
-    let bins = if references.len() > PARALLEL_BINS {
-        references
+    match grid.bins {
+        8 => Bins::<8>::of(references, &grid).best(grid),
+        16 => Bins::<16>::of(references, &grid).best(grid),
+        _ if references.len() <= PARALLEL_BINS => Bins::<BINS>::of(references, &grid).best(grid),
+        _ => references
             .par_chunks(PARALLEL_BINS / 4)
-            .map(|chunk| Bins::of(chunk, &grid))
+            .map(|chunk| Bins::<BINS>::of(chunk, &grid))
             .reduce_with(Bins::and)
-            .unwrap_or_else(|| Bins::of(&[], &grid))
-    } else {
-        Bins::of(references, &grid)
-    };
-    bins.best(grid)
+            .and_then(|bins| bins.best(grid)),
+    }
 }
 
-impl Bins {
+impl<const N: usize> Bins<N> {
     fn of(references: &[Reference], grid: &Grid) -> Self {
-        let mut bins = Self { bounds: [[Bounds::EMPTY; BINS]; 3], counts: [[0; BINS]; 3] };
+        let mut bins = Self { bounds: [[Bounds::EMPTY; N]; 3], counts: [[0; N]; 3] };
         for r in references {
             for k in 0..3 {
-                let bin = grid.bin(&r.bounds, k) & (BINS - 1);
+                let bin = grid.bin(&r.bounds, k) & (N - 1);
                 bins.counts[k][bin] += 1;
                 bins.bounds[k][bin] = bins.bounds[k][bin].or(&r.bounds);
             }
@@ -236,7 +236,7 @@ impl Bins {
     }
     fn and(mut self, other: Self) -> Self {
         for k in 0..3 {
-            for i in 0..BINS {
+            for i in 0..N {
                 self.bounds[k][i] = self.bounds[k][i].or(&other.bounds[k][i]);
                 self.counts[k][i] += other.counts[k][i];
             }
@@ -249,16 +249,16 @@ impl Bins {
             if grid.scale[axis] == 0.0 {
                 continue;
             }
-            let mut right = [(0.0, 0_u32); BINS + 1];
+            let mut right = [(0.0, 0_u32); N];
             let mut bounds = Bounds::EMPTY;
             let mut count = 0;
-            for i in (1..grid.bins).rev() {
+            for i in (1..N).rev() {
                 bounds = bounds.or(&self.bounds[axis][i]);
                 count += self.counts[axis][i];
                 right[i] = (bounds.area(), count);
             }
             (bounds, count) = (Bounds::EMPTY, 0);
-            for i in 1..grid.bins {
+            for i in 1..N {
                 bounds = bounds.or(&self.bounds[axis][i - 1]);
                 count += self.counts[axis][i - 1];
                 let (right_area, right_count) = right[i];
@@ -309,7 +309,7 @@ mod tests {
     fn tree(boxes: &[([f32; 3], [f32; 3])], shape: Shape) -> (Vec<Reference>, Vec<Binary>) {
         let mut references: Vec<_> =
             boxes.iter().enumerate().map(|(i, b)| Reference::new(Bounds::new(b.0, b.1), i as u32)).collect();
-        let mut nodes = vec![Binary::UNUSED; 2 * boxes.len() - 1];
+        let mut nodes = Binary::places(2 * boxes.len() - 1);
         build(&mut references, &mut nodes, shape);
         (references, nodes)
     }
@@ -323,8 +323,8 @@ mod tests {
         }
         let mut all = Vec::new();
         for child in [node.left, node.right] {
-            let inside = nodes[child as usize].bounds.corners();
-            let outside = node.bounds.corners();
+            let inside = nodes[child as usize].bounds().corners();
+            let outside = node.bounds().corners();
             assert!((0..3).all(|k| outside.0[k] <= inside.0[k] && inside.1[k] <= outside.1[k]));
             all.extend(primitives(references, nodes, child, depth + 1));
         }
@@ -333,14 +333,15 @@ mod tests {
 
     #[test]
     fn every_primitive_once() {
-        let spread: Vec<_> = (0..1000)
+        let n = if cfg!(miri) { 60 } else { 1000 };
+        let spread: Vec<_> = (0..n)
             .map(|i| {
                 let p = [(i * 37 % 101) as f32, (i * 53 % 97) as f32, (i % 7) as f32];
                 (p, p.map(|x| x + 1.0))
             })
             .collect();
-        let same = vec![([1.0; 3], [2.0; 3]); 333];
-        let skewed: Vec<_> = (0..250).map(|i| ([2.0_f32.powi(i - 125); 3], [2.0_f32.powi(i - 125); 3])).collect();
+        let same = vec![([1.0; 3], [2.0; 3]); n / 3];
+        let skewed: Vec<_> = (0..n as i32 / 4).map(|i| ([2.0_f32.powi(i - 125); 3], [2.0_f32.powi(i - 125); 3])).collect();
         for boxes in [&spread[..], &same, &skewed, &spread[..1], &spread[..2], &spread[..3]] {
             for shape in [
                 Shape { leaf: 1, balanced: false },

@@ -75,22 +75,39 @@ impl Reference {
     }
 }
 
-/// A node of the binary tree.
-#[derive(Clone, Copy, Debug)]
+/// A node of the binary tree; all zeros where there is none.
+#[derive(Clone, Copy, Debug, bytemuck::Zeroable)]
+#[repr(C, align(32))]
 pub(crate) struct Binary {
-    pub bounds: Bounds,
+    minus_lo: [f32; 3],
     /// Left child, or a leaf's first reference.
     pub left: u32,
+    hi: [f32; 3],
     /// Right child, or [`Binary::LEAF`] plus a leaf's number of references.
     pub right: u32,
 }
 
 impl Binary {
     pub const LEAF: u32 = 1 << 31;
-    pub const UNUSED: Self = Self { bounds: Bounds::EMPTY, left: 0, right: 0 };
 
-    pub fn leaf(bounds: Bounds, first: u32, count: u32) -> Self {
-        Self { bounds, left: first, right: Self::LEAF | count }
+    pub fn new(bounds: &Bounds, left: u32, right: u32) -> Self {
+        let [x, y, z, _, hx, hy, hz, _] = bounds.0;
+        Self { minus_lo: [x, y, z], left, hi: [hx, hy, hz], right }
+    }
+    pub fn leaf(bounds: &Bounds, first: u32, count: u32) -> Self {
+        Self::new(bounds, first, Self::LEAF | count)
+    }
+    /// Room for so many.
+    pub fn places(n: usize) -> Vec<Self> {
+        bytemuck::allocation::zeroed_vec(n)
+    }
+    #[inline(always)]
+    pub fn bounds(&self) -> Bounds {
+        let ([x, y, z], [hx, hy, hz]) = (self.minus_lo, self.hi);
+        Bounds([x, y, z, 0.0, hx, hy, hz, 0.0])
+    }
+    pub fn set_bounds(&mut self, bounds: &Bounds) {
+        *self = Self::new(bounds, self.left, self.right);
     }
     /// A leaf's number of references.
     #[inline(always)]

@@ -20,7 +20,7 @@ const LEAF: u32 = 16;
 const PARALLEL: u32 = 4096;
 
 /// The least cost of representing a subtree by at most i + 1 children of one node, and how.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, bytemuck::Zeroable)]
 pub(crate) struct Plan {
     cost: [f32; 7],
     /// For i = 0: how many of the eight slots of its own node go to the left, 0 for a leaf. For others: how many of the
@@ -68,13 +68,12 @@ impl Plan {
 
 /// The best plan for every node.
 pub(crate) fn plan(nodes: &[Binary], references: &[Reference], primitives: &impl Primitives) -> Vec<Plan> {
-    let none = Plan { cost: [0.0; 7], left: [0; 7], count: 0, only_triangles: true };
-    let mut plans = vec![none; nodes.len()];
+    let mut plans: Vec<Plan> = bytemuck::allocation::zeroed_vec(nodes.len());
     for (i, node) in nodes.iter().enumerate().rev() {
         if node.right == 0 {
             continue; // a place that was not used
         }
-        let area = node.bounds.area();
+        let area = node.bounds().area();
         plans[i] = if let Some(count) = node.count() {
             let only_triangles = primitives.only_triangles()
                 || references[node.left as usize..][..count as usize]
@@ -162,7 +161,7 @@ impl<P: Primitives> Emitter<'_, P> {
     fn node(&self, children: &[u32]) -> Node {
         let mut node = Node::EMPTY;
         for (slot, &child) in children.iter().enumerate() {
-            let bounds = &self.nodes[child as usize].bounds;
+            let bounds = &self.nodes[child as usize].bounds();
             for k in 0..3 {
                 node.planes[2 * k][slot] = bounds.lo(k);
                 node.planes[2 * k + 1][slot] = bounds.hi(k);

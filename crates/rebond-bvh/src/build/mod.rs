@@ -150,13 +150,13 @@ fn tree(mut references: Vec<Reference>, primitives: &impl Primitives, preset: Pr
     let fast = preset == Preset::Fast && primitives.only_triangles();
     let pristine = if preset == Preset::Quality { references.clone() } else { Vec::new() };
     let mut nodes = binned(&mut references, if fast { 4 } else { 1 }, false);
-    let bounds = nodes[0].bounds.corners();
+    let bounds = nodes[0].bounds().corners();
     if preset == Preset::Quality || (preset == Preset::Default && n <= REINSERT) {
         reinsert::improve(&mut nodes);
     }
     let mut plans = collapse::plan(&nodes, &references, primitives);
     if preset == Preset::Quality
-        && nodes[0].bounds.area().is_finite()
+        && nodes[0].bounds().area().is_finite()
         && cutting_promises(&pristine, &references, primitives)
     {
         let (cut_references, mut cut_nodes) = cut(pristine, primitives);
@@ -178,7 +178,7 @@ fn tree(mut references: Vec<Reference>, primitives: &impl Primitives, preset: Pr
 }
 
 fn binned(references: &mut [Reference], leaf: usize, balanced: bool) -> Vec<Binary> {
-    let mut nodes = vec![Binary::UNUSED; 2 * references.len() - 1];
+    let mut nodes = Binary::places(2 * references.len() - 1);
     binned::build(references, &mut nodes, binned::Shape { leaf, balanced });
     nodes
 }
@@ -188,7 +188,7 @@ fn cut(mut references: Vec<Reference>, primitives: &impl Primitives) -> (Vec<Ref
     let n = references.len();
     let places = n + n / 4;
     references.resize(places, Reference::new(Bounds::EMPTY, 0));
-    let mut nodes = vec![Binary::UNUSED; 2 * places - 1];
+    let mut nodes = Binary::places(2 * places - 1);
     spatial::build(&mut references, n, &mut nodes, primitives);
     (references, nodes)
 }

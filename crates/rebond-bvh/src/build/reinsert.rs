@@ -38,7 +38,7 @@ pub(crate) fn improve(nodes: &mut Vec<Binary>) {
                 parents[node.right as usize] = i as u32;
             }
         }
-        let now: f64 = nodes.iter().map(|node| f64::from(node.bounds.area())).sum();
+        let now: f64 = nodes.iter().map(|node| f64::from(node.bounds().area())).sum();
         if cost.is_finite() && now > cost * (1.0 - ENOUGH) {
             break;
         }
@@ -48,7 +48,7 @@ pub(crate) fn improve(nodes: &mut Vec<Binary>) {
             let mut candidates: Vec<u32> = (1..nodes.len() as u32).collect();
             if candidates.len() > BATCH {
                 let by_area = |a: &u32, b: &u32| {
-                    let area = |i: u32| nodes[i as usize].bounds.area();
+                    let area = |i: u32| nodes[i as usize].bounds().area();
                     area(*b).total_cmp(&area(*a)).then(a.cmp(b))
                 };
                 candidates.select_nth_unstable_by(BATCH, by_area);
@@ -66,7 +66,7 @@ pub(crate) fn improve(nodes: &mut Vec<Binary>) {
 
 /// The place where a subtree costs least.
 fn best_move(nodes: &[Binary], parents: &[u32], what: u32) -> Option<Move> {
-    let bounds = nodes[what as usize].bounds;
+    let bounds = nodes[what as usize].bounds();
     let parent = parents[what as usize];
     if parent == 0 {
         return None; // the root's children stay
@@ -77,10 +77,10 @@ fn best_move(nodes: &[Binary], parents: &[u32], what: u32) -> Option<Move> {
         if node.left == of { node.right } else { node.left }
     };
     // Taking it out removes its parent; every box above shrinks.
-    let mut gain_above = nodes[parent as usize].bounds.area();
+    let mut gain_above = nodes[parent as usize].bounds().area();
     let mut best = (0.0, 0);
     let mut pivot = parent;
-    let mut pivot_bounds = nodes[sibling(what) as usize].bounds;
+    let mut pivot_bounds = nodes[sibling(what) as usize].bounds();
     let mut side = sibling(what);
     let mut stack: Vec<(u32, f32)> = Vec::with_capacity(64);
     loop {
@@ -90,11 +90,11 @@ fn best_move(nodes: &[Binary], parents: &[u32], what: u32) -> Option<Move> {
                 continue;
             }
             let node = &nodes[at as usize];
-            let merged = node.bounds.or(&bounds).area();
+            let merged = node.bounds().or(&bounds).area();
             if gain - merged > best.0 {
                 best = (gain - merged, at);
             }
-            let gain = gain - (merged - node.bounds.area());
+            let gain = gain - (merged - node.bounds().area());
             if gain - area > best.0 && node.count().is_none() {
                 stack.push((node.left, gain));
                 stack.push((node.right, gain));
@@ -106,8 +106,8 @@ fn best_move(nodes: &[Binary], parents: &[u32], what: u32) -> Option<Move> {
             break;
         }
         if pivot != parent {
-            let here = &nodes[pivot as usize].bounds;
-            pivot_bounds = pivot_bounds.or(&nodes[side as usize].bounds);
+            let here = &nodes[pivot as usize].bounds();
+            pivot_bounds = pivot_bounds.or(&nodes[side as usize].bounds());
             gain_above += here.area() - pivot_bounds.area();
         }
         if above == pivot {
@@ -166,11 +166,11 @@ fn reinsert(nodes: &mut [Binary], parents: &mut [u32], locked: &mut [u32], pass:
 fn refit(nodes: &mut [Binary], parents: &[u32], mut at: u32) {
     loop {
         let node = nodes[at as usize];
-        let bounds: Bounds = nodes[node.left as usize].bounds.or(&nodes[node.right as usize].bounds);
-        if bounds == node.bounds {
+        let bounds: Bounds = nodes[node.left as usize].bounds().or(&nodes[node.right as usize].bounds());
+        if bounds == node.bounds() {
             break;
         }
-        nodes[at as usize].bounds = bounds;
+        nodes[at as usize].set_bounds(&bounds);
         if at == 0 {
             break;
         }

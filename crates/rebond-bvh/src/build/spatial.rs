@@ -56,7 +56,7 @@ impl<P: Primitives> Builder<'_, P> {
         depth: u32,
     ) {
         if n == 1 {
-            nodes[0] = Binary::leaf(bounds, first, 1);
+            nodes[0] = Binary::leaf(&bounds, first, 1);
             return;
         }
         let room = references.len();
@@ -85,7 +85,7 @@ impl<P: Primitives> Builder<'_, P> {
         let (references_left, references_right) = references.split_at_mut(room_left);
         let (head, tail) = nodes.split_at_mut(2 * room_left);
         let right_base = base + 2 * room_left as u32;
-        head[0] = Binary { bounds, left: base + 1, right: right_base };
+        head[0] = Binary::new(&bounds, base + 1, right_base);
         let mut build_left = || {
             self.subtree(references_left, nl, &mut head[1..], (first, base + 1), left.0, left.1, depth + 1);
         };

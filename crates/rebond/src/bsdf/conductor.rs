@@ -15,6 +15,6 @@ pub fn index<F: Real>(lobe: &Lobe<F>) -> (Rgb<F>, Rgb<F>) {
 pub fn sample<F: Real>(lobe: &Lobe<F>, a: Vec3<F>) -> BsdfSample<F> {
     let (eta, k) = index(lobe);
     let mut sample = mirror::sample(lobe, a);
-    sample.weight = sample.weight * fresnel::conductor(a.z.abs(), eta, k);
+    sample.weight *= fresnel::conductor(a.z.abs(), eta, k);
     sample
 }

@@ -1,7 +1,7 @@
 //! Points, directions and normals.
 
 use rebond_lanes::Real;
-use std::ops::{Add, Div, Mul, Neg, Sub};
+use std::ops::{Add, Mul, Neg, Sub};
 
 /// A point, a direction or a normal.
 #[derive(Clone, Copy, Debug, Default)]
@@ -115,13 +115,6 @@ impl<F: Real> Mul<F> for Vec3<F> {
     #[inline(always)]
     fn mul(self, s: F) -> Self {
         vec3(self.x * s, self.y * s, self.z * s)
-    }
-}
-impl<F: Real> Div<F> for Vec3<F> {
-    type Output = Self;
-    #[inline(always)]
-    fn div(self, s: F) -> Self {
-        self * s.recip()
     }
 }
 impl<F: Real> Neg for Vec3<F> {

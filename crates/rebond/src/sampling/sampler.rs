@@ -135,7 +135,7 @@ impl<F: Real> Stream<F> {
                 let shuffled = laine_karras(self.index.reverse_bits(), h).reverse_bits();
                 unit(laine_karras(shuffled, mix(h)).reverse_bits())
             }
-            SamplerSettings::Independent {} => unit(mix(self.index * F::Index::splat(0x2c1b_3c6d) ^ h)),
+            SamplerSettings::Independent {} => unit(mix((self.index * F::Index::splat(0x2c1b_3c6d)) ^ h)),
             SamplerSettings::Stratified { .. } => {
                 let (stratum, jitter) = self.stratum(h);
                 (F::from_index(stratum) + unit::<F>(jitter)) * (1.0 / (1_u32 << self.sampler.strata_bits) as f32)
@@ -158,7 +158,7 @@ impl<F: Real> Stream<F> {
                 [unit(x), unit(y)]
             }
             SamplerSettings::Independent {} => {
-                let x = mix(self.index * F::Index::splat(0x2c1b_3c6d) ^ h);
+                let x = mix((self.index * F::Index::splat(0x2c1b_3c6d)) ^ h);
                 [unit(x), unit(mix(x ^ F::Index::splat(0x68bc_21eb)))]
             }
             SamplerSettings::Stratified { .. } => {
@@ -179,7 +179,7 @@ impl<F: Real> Stream<F> {
         let bits = self.sampler.strata_bits;
         let block = self.index >> bits;
         let within = self.index & F::Index::splat((1 << bits) - 1);
-        let seed = mix(h ^ block * F::Index::splat(0x27d4_eb2f));
+        let seed = mix(h ^ (block * F::Index::splat(0x27d4_eb2f)));
         (permute(within, bits, seed), mix(seed ^ mix(within)))
     }
 }

@@ -315,7 +315,7 @@ impl<'a> Builder<'a> {
         let (mut over, mut negative) = (0, 0);
         for t in &texels {
             over += t.iter().any(|x| *x > 1.0) as u32;
-            negative += t.iter().any(|x| !(*x >= 0.0)) as u32;
+            negative += t.iter().any(|x| x.is_nan() || *x < 0.0) as u32;
         }
         if over + negative > 0 {
             let message = format!("{over} texels of \"{file}\" are above 1 and {negative} below 0 or not finite");
@@ -627,7 +627,7 @@ impl<'a> Builder<'a> {
             let [a, b, c] = if in_order { [1, 2, 0] } else { [1, 0, 2] }.map(corner);
             emitters = vec![Emitter::Parallelogram { p: [a, b - a, c - a], radiance }];
         }
-        if !(area > 0.0) {
+        if area <= 0.0 {
             let error = BuildError::new(format!("{}.emission", look.path), "a light of zero area");
             return Err(error.help("give the shape an extent, or use a point light"));
         }

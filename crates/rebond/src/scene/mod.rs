@@ -196,7 +196,7 @@ impl Scene {
         let (emitter, probability) = self.light_sampler.sample(p, n, choice)?;
         let mut sample = self.emitters.sample(emitter, p, u, mask);
         sample.weight = sample.weight * probability.recip();
-        sample.pdf.0 = sample.pdf.0 * probability;
+        sample.pdf.0 *= probability;
         Some(sample)
     }
 
@@ -251,7 +251,7 @@ impl Scene {
             let textured = mask & head[1].ne(F::Index::splat(0));
             if textured.any() {
                 let texel = self.textures.eval(head[1] - F::Index::splat(1), surface.uv);
-                color = color * Rgb::select(textured, texel, Rgb::white());
+                color *= Rgb::select(textured, texel, Rgb::white());
             }
         }
         let p = if self.features.models & !(1 << Model::Diffuse as u32 | 1 << Model::Mirror as u32) == 0 {

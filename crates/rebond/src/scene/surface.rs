@@ -209,9 +209,9 @@ impl<F: Real> Placed<F> {
                 continue;
             }
             let share = ((time - t0) / (t1 - t0)).clamp(0.0, 1.0);
-            for r in 0..3 {
-                let (a, b) = (record(k - 1, r as u32 + 1), record(k, r as u32 + 1));
-                rows[r] = std::array::from_fn(|c| F::select(after, a[c] + (b[c] - a[c]) * share, rows[r][c]));
+            for (row, n) in rows.iter_mut().zip(1..) {
+                let (a, b) = (record(k - 1, n), record(k, n));
+                *row = std::array::from_fn(|c| F::select(after, a[c] + (b[c] - a[c]) * share, row[c]));
             }
         }
         Self { rows }
