@@ -178,7 +178,13 @@ pub(crate) struct Grid {
 
 impl Grid {
     pub fn new(centers: &Bounds, n: usize) -> Self {
-        let bins = if n <= 24 { 8 } else if n <= 128 { 16 } else { BINS };
+        let bins = if n <= 24 {
+            8
+        } else if n <= 128 {
+            16
+        } else {
+            BINS
+        };
         Self {
             lo2: std::array::from_fn(|k| centers.lo(k)),
             scale: std::array::from_fn(|k| {
@@ -341,7 +347,8 @@ mod tests {
             })
             .collect();
         let same = vec![([1.0; 3], [2.0; 3]); n / 3];
-        let skewed: Vec<_> = (0..n as i32 / 4).map(|i| ([2.0_f32.powi(i - 125); 3], [2.0_f32.powi(i - 125); 3])).collect();
+        let skewed: Vec<_> =
+            (0..n as i32 / 4).map(|i| ([2.0_f32.powi(i - 125); 3], [2.0_f32.powi(i - 125); 3])).collect();
         for boxes in [&spread[..], &same, &skewed, &spread[..1], &spread[..2], &spread[..3]] {
             for shape in [
                 Shape { leaf: 1, balanced: false },
