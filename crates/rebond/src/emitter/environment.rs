@@ -1,6 +1,7 @@
 //! Light from infinitely far: the same from everywhere, or an equirectangular image.
 
 use crate::math::{Frame, Rgb, Vec3, luminance, vec3};
+use crate::sampling::warp::{uniform_sphere, uniform_sphere_pdf};
 use crate::sampling::{Grid, PdfSolidAngle, linear};
 use rebond_lanes::{Index, Real, Record, math};
 use std::f32::consts::{FRAC_1_PI, PI};
@@ -70,7 +71,7 @@ impl EnvironmentImage {
         Frame { s, t, n }
     }
 
-    fn sample<F: Real>(&self, u: [F; 2]) -> (Vec3<F>, PdfSolidAngle<F>) {
+    fn sample<F: Real>(&self, u: [F; 2]) -> (Vec3<F>, PdfSolidAngle<F>, Rgb<F>) {
         let (width, height) = (self.size[0], self.size[1]);
         let cell = self.grid.sample(u);
         let [a, b, c, d] = F::record(&self.corners, cell.y * F::Index::splat(width) + cell.x);
@@ -87,7 +88,8 @@ impl EnvironmentImage {
         let (sin_theta, cos_theta) = math::sin_cos(y * PI);
         let (sin_phi, cos_phi) = math::sin_cos((x - 0.5) * (2.0 * PI));
         let local = vec3(sin_theta * sin_phi, cos_theta, -(sin_theta * cos_phi));
-        (self.frame().to_world(local), Self::density(density, sin_theta))
+        let x = x - x.floor();
+        (self.frame().to_world(local), Self::density(density, sin_theta), self.radiance([x, y]))
     }
 
     /// Per square of the image to per solid angle: `dω = 2π² sinθ du dv`.
@@ -96,28 +98,26 @@ impl EnvironmentImage {
         PdfSolidAngle(F::select(sin_theta.gt(F::zero()), pdf, F::zero()))
     }
 
-    fn place<F: Real>(&self, w: Vec3<F>) -> [F; 2] {
+    /// Radiance that arrives along −w, and the density with which [`EnvironmentImage::sample`] draws w.
+    fn eval<F: Real>(&self, w: Vec3<F>) -> (Rgb<F>, PdfSolidAngle<F>) {
         let d = self.frame().to_local(w);
-        [math::atan2(d.x, -d.z) * (0.5 * FRAC_1_PI) + 0.5, math::acos(d.y) * FRAC_1_PI]
-    }
-
-    fn pdf<F: Real>(&self, w: Vec3<F>) -> PdfSolidAngle<F> {
-        let [u, v] = self.place(w);
+        let [u, v] = [math::atan2(d.x, -d.z) * (0.5 * FRAC_1_PI) + 0.5, math::acos(d.y) * FRAC_1_PI];
         let (width, height) = (self.size[0] as f32, self.size[1] as f32);
         let x = u * width - 0.5;
         let x = F::select(x.lt(F::zero()), x + width, x);
         let y = v * height + 0.5;
         let column = x.to_index().min(F::Index::splat(self.size[0] - 1));
         let row = y.relu().to_index().min(F::Index::splat(self.size[1]));
-        let [a, b, c, d] = F::record(&self.corners, row * F::Index::splat(self.size[0]) + column);
+        let [a, b, c, e] = F::record(&self.corners, row * F::Index::splat(self.size[0]) + column);
         // In the outermost rows upper and lower weights are the same, so that their half height does not matter.
         let (across, down) = (x - F::from_index(column), y - F::from_index(row));
-        let (left, right) = (a + (c - a) * down, b + (d - b) * down);
-        Self::density((left + (right - left) * across) * self.scale, math::sin_cos(v * PI).0)
+        let (left, right) = (a + (c - a) * down, b + (e - b) * down);
+        let sin_theta = (d.x * d.x + d.z * d.z).sqrt();
+        (self.radiance([u, v]), Self::density((left + (right - left) * across) * self.scale, sin_theta))
     }
 
-    fn radiance<F: Real>(&self, w: Vec3<F>) -> Rgb<F> {
-        let [u, v] = self.place(w);
+    /// Radiance at a place of the image.
+    fn radiance<F: Real>(&self, [u, v]: [F; 2]) -> Rgb<F> {
         let (width, height) = (self.size[0] as f32, self.size[1] as f32);
         let (x, y) = (u * width - 0.5, (v * height - 0.5).clamp(0.0, height - 1.0));
         let (x0, y0) = (x.floor(), y.floor());
@@ -144,32 +144,21 @@ impl Environment {
         }
     }
 
-    /// A direction in which there is light, and its density.
+    /// A direction in which there is light, its density, and the radiance that arrives against it.
     #[inline]
-    pub fn sample<F: Real>(&self, u: [F; 2]) -> (Vec3<F>, PdfSolidAngle<F>) {
+    pub fn sample<F: Real>(&self, u: [F; 2]) -> (Vec3<F>, PdfSolidAngle<F>, Rgb<F>) {
         match self {
-            Self::Constant(_) => {
-                (crate::sampling::warp::uniform_sphere(u), crate::sampling::warp::uniform_sphere_pdf())
-            }
+            Self::Constant(c) => (uniform_sphere(u), uniform_sphere_pdf(), Rgb::splat(*c)),
             Self::Image(image) => image.sample(u),
         }
     }
 
-    /// Density of [`Environment::sample`].
+    /// Radiance that arrives along −w, and the density with which [`Environment::sample`] draws w.
     #[inline]
-    pub fn pdf<F: Real>(&self, w: Vec3<F>) -> PdfSolidAngle<F> {
+    pub fn eval<F: Real>(&self, w: Vec3<F>) -> (Rgb<F>, PdfSolidAngle<F>) {
         match self {
-            Self::Constant(_) => crate::sampling::warp::uniform_sphere_pdf(),
-            Self::Image(image) => image.pdf(w),
-        }
-    }
-
-    /// Radiance that arrives along −w.
-    #[inline]
-    pub fn radiance<F: Real>(&self, w: Vec3<F>) -> Rgb<F> {
-        match self {
-            Self::Constant(c) => Rgb::splat(*c),
-            Self::Image(image) => image.radiance(w),
+            Self::Constant(c) => (Rgb::splat(*c), uniform_sphere_pdf()),
+            Self::Image(image) => image.eval(w),
         }
     }
 

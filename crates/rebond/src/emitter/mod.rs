@@ -450,8 +450,8 @@ impl Emitters {
             if lanes.none() {
                 continue;
             }
-            let (wi, pdf) = environment.sample(u);
-            let weight = (environment.radiance(wi) * pdf.0.recip()).masked(pdf.0.gt(F::zero()));
+            let (wi, pdf, radiance) = environment.sample(u);
+            let weight = (radiance * pdf.0.recip()).masked(pdf.0.gt(F::zero()));
             let s = EmitterSample { wi, weight, pdf, infinite: F::Mask::splat(true), ..EmitterSample::none() };
             sample = EmitterSample::select(lanes, s, sample);
         }

@@ -120,18 +120,19 @@ fn directions_follow_their_densities() {
         chi2_directions(name, draw, pdf);
     }
     let environment = Environment::Image(Box::new(image));
-    chi2_directions("image", |u| Some(environment.sample(u).0), |w| environment.pdf(w).0);
+    chi2_directions("image", |u| Some(environment.sample(u).0), |w| environment.eval(w).1.0);
     // What a sample says of itself is what is said of its direction, but for directions that round to another texel.
     let strays = random_pairs(2000).filter(|u| {
-        let (w, pdf) = environment.sample::<f32>(*u);
-        (environment.pdf(w).0 / pdf.0 - 1.0).abs() > 1e-3
+        let (w, pdf, radiance) = environment.sample::<f32>(*u);
+        let (other, again) = environment.eval(w);
+        (again.0 / pdf.0 - 1.0).abs() > 1e-3 || (other.r / radiance.r - 1.0).abs() > 1e-2
     });
     assert!(strays.count() < 20);
     // Density follows radiance: L/pdf hardly varies, away from the poles (sinθ bends within the outermost rows).
     let weight = |u| {
-        let (w, pdf) = environment.sample::<f32>(u);
+        let (w, pdf, radiance) = environment.sample::<f32>(u);
         // This image's top is world +z.
-        (w.z.abs() < 0.9).then(|| luminance(environment.radiance(w).lane(0)) / pdf.0)
+        (w.z.abs() < 0.9).then(|| luminance(radiance.lane(0)) / pdf.0)
     };
     let weights: Vec<f32> = random_pairs(4000).filter_map(weight).collect();
     let n = weights.len() as f32;

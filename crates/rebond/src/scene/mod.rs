@@ -206,7 +206,8 @@ impl Scene {
     pub fn surroundings<F: Real>(&self, p: Vec3<F>, n: Vec3<F>, w: Vec3<F>) -> impl Iterator<Item = (Rgb<F>, F)> {
         self.emitters.environments.iter().map(move |(number, environment)| {
             let probability = self.light_sampler.probability(p, n, F::Index::splat(*number));
-            (environment.radiance(w), environment.pdf(w).0 * probability)
+            let (radiance, pdf) = environment.eval(w);
+            (radiance, pdf.0 * probability)
         })
     }
 
