@@ -151,7 +151,7 @@ fn tree(mut references: Vec<Reference>, primitives: &impl Primitives, preset: Pr
     let pristine = if preset == Preset::Quality { references.clone() } else { Vec::new() };
     let mut nodes = binned(&mut references, if fast { 4 } else { 1 }, false);
     let bounds = nodes[0].bounds().corners();
-    if preset == Preset::Quality || (preset == Preset::Default && n <= REINSERT) {
+    if preset != Preset::Fast {
         reinsert::improve(&mut nodes);
     }
     let mut plans = collapse::plan(&nodes, &references, primitives);
@@ -195,7 +195,7 @@ fn cut(mut references: Vec<Reference>, primitives: &impl Primitives) -> (Vec<Ref
 
 /// Whether cutting triangles brings enough for samples: a few of all of them, and some groups of neighbours.
 fn cutting_promises(all: &[Reference], neighbours: &[Reference], primitives: &impl Primitives) -> bool {
-    if all.len() <= REINSERT {
+    if all.len() <= TRY {
         return true;
     }
     let costs = |mut sample: Vec<Reference>| {
@@ -210,7 +210,7 @@ fn cutting_promises(all: &[Reference], neighbours: &[Reference], primitives: &im
     few[1] < WORTH_CUTTING * few[0] || near[1] < WORTH_CUTTING * near[0]
 }
 
-/// Trees of up to so many primitives are bettered by reinsertion unless haste is asked for.
-const REINSERT: usize = 50_000;
+/// Up to so many primitives cutting is tried without asking samples first.
+const TRY: usize = 50_000;
 /// Triangles are cut only if that brings the tree's cost below this part of what it is without.
 const WORTH_CUTTING: f32 = 0.9;
