@@ -8,11 +8,12 @@ use crate::ray::{Best, SingleRay};
 use crate::shape::Shape;
 use crate::simd::Simd;
 use crate::single::{self, STACK, Shapes, Solid};
-use crate::tree::{FEW_CORNERS, Tree};
-use crate::triangle::exact;
+use crate::tree::{FEW_CORNERS, FewTriangle, Tree};
 use crate::{Filter, Hit, MISS, Ray};
 use rebond_lanes::{F32x16, Index, Index16, Mask, Mask16, Real};
 use std::mem::MaybeUninit;
+
+const INFINITY: u32 = f32::INFINITY.to_bits();
 
 /// With fewer rays than this in a subtree, each goes on by itself.
 const TOGETHER: u32 = 4;
@@ -35,22 +36,38 @@ pub(crate) struct Packet<'a> {
 }
 
 /// What sixteen rays found.
+#[derive(Clone, Copy)]
 pub(crate) struct Bests {
     pub t: F32x16,
     pub u: F32x16,
     pub v: F32x16,
     pub primitive: Index16,
+    /// Lanes that passed an edge so closely that they had better go by themselves.
+    pub again: Mask16,
 }
 
 impl Bests {
     fn up_to(tmax: F32x16) -> Self {
-        Self { t: tmax, u: F32x16::zero(), v: F32x16::zero(), primitive: Index16::splat(MISS) }
+        Self {
+            t: tmax,
+            u: F32x16::zero(),
+            v: F32x16::zero(),
+            primitive: Index16::splat(MISS),
+            again: Mask16::splat(false),
+        }
     }
     /// What one lane found, to go on from.
     fn lane(&self, lane: usize, instance: u32) -> Best {
         let primitive = self.primitive.lane(lane);
         let instance = if primitive == MISS { MISS } else { instance };
         Best { t: self.t.lane(lane), u: self.u.lane(lane), v: self.v.lane(lane), primitive, instance }
+    }
+    #[inline(always)]
+    fn keep(&mut self, hit: Mask16, found: &Candidates, primitive: u32) {
+        self.t = F32x16::select(hit, found.t, self.t);
+        self.u = F32x16::select(hit, found.u, self.u);
+        self.v = F32x16::select(hit, found.v, self.v);
+        self.primitive = Index16::select(hit, Index16::splat(primitive), self.primitive);
     }
     fn set(&mut self, lane: usize, best: &Best) {
         self.t = self.t.with_lane(lane, best.t);
@@ -70,9 +87,21 @@ impl Bests {
     }
 }
 
+/// What the edges of a triangle say to the rays.
+struct Edges {
+    u: F32x16,
+    v: F32x16,
+    w: F32x16,
+    /// The lanes that pass all edges on one side, and those of them where an edge function is zero.
+    inside: Mask16,
+    doubtful: Mask16,
+}
+
 /// Candidate hits of one triangle.
 struct Candidates {
     hit: Mask16,
+    /// Lanes in which an edge function is zero, so that only more digits can tell.
+    doubtful: Mask16,
     t: F32x16,
     u: F32x16,
     v: F32x16,
@@ -143,47 +172,43 @@ impl<'a> Packet<'a> {
         [self.corner(a), self.corner(b), self.corner(c)]
     }
 
-    /// The lanes that hit a triangle, given its corners in the rays' frames, at 0 < t ≤ `limit`.
+    /// The edge functions of a triangle, given its corners in the rays' frames; none if no lane passes inside.
     #[inline(always)]
-    fn triangle(&self, [a, b, c]: [[F32x16; 3]; 3], active: Mask16, limit: F32x16) -> Option<Candidates> {
-        let zero = F32x16::zero();
+    fn edges([a, b, c]: [[F32x16; 3]; 3], active: Mask16) -> Option<Edges> {
         let u = c[0] * b[1] - c[1] * b[0];
         let v = a[0] * c[1] - a[1] * c[0];
         let w = b[0] * a[1] - b[1] * a[0];
-        let (least, most) = (u.min(v).min(w), u.max(v).max(w));
-        let inside = active & (least.ge(zero) | most.le(zero));
+        // Negative if and only if the two are of different sign: the product may vanish, not change sign.
+        let product = u.min(v).min(w) * u.max(v).max(w);
+        let inside = active & product.ge(F32x16::zero());
         if inside.none() {
             return None;
         }
-        let doubtful = inside & least.le(zero) & most.ge(zero);
+        Some(Edges { u, v, w, inside, doubtful: inside & product.le(F32x16::zero()) })
+    }
+
+    /// The lanes that hit a triangle, given its corners in the rays' frames, at 0 < t.
+    #[inline(always)]
+    fn triangle(&self, [a, b, c]: [[F32x16; 3]; 3], active: Mask16) -> Option<Candidates> {
+        let Edges { u, v, w, inside, doubtful } = Self::edges([a, b, c], active)?;
         let determinant = u + v + w;
         let z = u * a[2] + v * b[2] + w * c[2];
         let inverse = F32x16::one() / determinant;
         let t = z * self.shear[2] * inverse;
-        let hit = inside & zero.lt(t) & t.le(limit);
-        let found = Candidates { hit: hit.and_not(doubtful), t, u: v * inverse, v: w * inverse };
-        if doubtful.any() {
-            return Some(self.doubt([a, b, c], doubtful, limit, found));
-        }
-        if hit.none() { None } else { Some(found) }
+        let hit = inside.and_not(doubtful) & F32x16::zero().lt(t);
+        Some(Candidates { hit, doubtful, t, u: v * inverse, v: w * inverse })
     }
 
-    /// The same where an edge function was zero.
-    #[cold]
-    #[inline(never)]
-    fn doubt(&self, sheared: [[F32x16; 3]; 3], doubtful: Mask16, limit: F32x16, mut found: Candidates) -> Candidates {
-        let mut hits = found.hit.bits();
-        for i in lanes(doubtful) {
-            let corners = sheared.map(|p| p.map(|x| f64::from(x.lane(i))));
-            if let Some([t, u, v]) = exact(corners, f64::from(self.shear[2].lane(i))) {
-                hits |= u32::from(0.0 < t && t <= limit.lane(i)) << i;
-                found.t = found.t.with_lane(i, t);
-                found.u = found.u.with_lane(i, u);
-                found.v = found.v.with_lane(i, v);
-            }
-        }
-        found.hit = Mask16::from_bits(hits);
-        found
+    /// The lanes that a triangle stops before `limit`, and those in doubt. As [`Packet::triangle`], without its division.
+    #[inline(always)]
+    fn stopped(&self, [a, b, c]: [[F32x16; 3]; 3], active: Mask16, limit: F32x16) -> Option<(Mask16, Mask16)> {
+        let Edges { u, v, w, inside, doubtful } = Self::edges([a, b, c], active)?;
+        let determinant = u + v + w;
+        let z = (u * a[2] + v * b[2] + w * c[2]) * self.shear[2];
+        let sign = determinant.to_bits() & Index16::splat(0x8000_0000);
+        let z = F32x16::from_bits(z.to_bits() ^ sign);
+        let hit = inside.and_not(doubtful) & F32x16::zero().lt(z) & z.le(determinant.abs() * limit);
+        Some((hit, doubtful))
     }
 
     /// Keeps what `filter` keeps.
@@ -206,14 +231,12 @@ impl<'a> Packet<'a> {
         filter: &K,
         best: &mut Bests,
     ) {
-        if let Some(found) = self.triangle(corners, active, best.t) {
+        if let Some(found) = self.triangle(corners, active) {
+            best.again = best.again | found.doubtful;
             let number = Index16::splat(primitive);
             let nearer = found.t.lt(best.t) | (found.t.eq(best.t) & number.lt(best.primitive));
             let hit = Self::filtered(&found, found.hit & nearer, primitive, instance, filter);
-            best.t = F32x16::select(hit, found.t, best.t);
-            best.u = F32x16::select(hit, found.u, best.u);
-            best.v = F32x16::select(hit, found.v, best.v);
-            best.primitive = Index16::select(hit, number, best.primitive);
+            best.keep(hit, &found, primitive);
         }
     }
 
@@ -281,36 +304,38 @@ fn lanes(mask: Mask16) -> impl Iterator<Item = usize> {
 
 /// The corners of a small tree in the rays' frames. Triangles share most of them.
 struct Sheared {
-    corners: [MaybeUninit<[F32x16; 3]>; FEW_CORNERS],
-    count: usize,
+    corners: [MaybeUninit<F32x16>; 3 * FEW_CORNERS],
 }
 
 impl Sheared {
     /// A place for them, in the caller's own frame: it is too large to hand around.
     #[inline(always)]
     fn nothing() -> Self {
-        Self { corners: [const { MaybeUninit::uninit() }; FEW_CORNERS], count: 0 }
+        Self { corners: [const { MaybeUninit::uninit() }; 3 * FEW_CORNERS] }
     }
 
     #[inline(always)]
     fn fill(&mut self, tree: &Tree, packet: &Packet) {
-        let corners = tree.corners();
-        self.count = corners.len().min(FEW_CORNERS);
-        for (place, &p) in self.corners.iter_mut().zip(corners) {
-            place.write(packet.corner(p));
+        for (place, &p) in self.corners.chunks_exact_mut(3).zip(tree.corners()) {
+            let [x, y, z] = packet.corner(p);
+            place[0].write(x);
+            place[1].write(y);
+            place[2].write(z);
         }
     }
 
+    /// The corners of a triangle of the tree that this was filled with.
+    ///
+    /// # Safety
+    /// It is one of that tree's own.
     #[inline(always)]
-    fn corner(&self, i: u8) -> [F32x16; 3] {
-        assert!(usize::from(i) < self.count);
-        // SAFETY: `fill` wrote the first `count` of them.
-        unsafe { self.corners[usize::from(i)].assume_init() }
-    }
-
-    #[inline(always)]
-    fn of(&self, [a, b, c]: [u8; 3]) -> [[F32x16; 3]; 3] {
-        [self.corner(a), self.corner(b), self.corner(c)]
+    unsafe fn of(&self, triangle: &FewTriangle) -> [[F32x16; 3]; 3] {
+        let at = |i: u32, k: usize| {
+            // SAFETY: the numbers are those of corners of the tree, times three, and `fill` wrote all of these.
+            unsafe { self.corners.get_unchecked(i as usize + k).assume_init() }
+        };
+        let [a, b, c] = triangle.corners;
+        [[at(a, 0), at(a, 1), at(a, 2)], [at(b, 0), at(b, 1), at(b, 2)], [at(c, 0), at(c, 1), at(c, 2)]]
     }
 }
 
@@ -323,16 +348,34 @@ pub(crate) fn scan_closest<K: Filter>(
     instance: u32,
     filter: &K,
 ) -> Bests {
-    let mut best = Bests::up_to(packet.ray.tmax);
+    let tmax = packet.ray.tmax;
     let mut sheared = Sheared::nothing();
     sheared.fill(tree, packet);
-    for &(corners, primitive) in tree.triangles() {
-        packet.closest_triangle(sheared.of(corners), primitive, active, instance, filter, &mut best);
+    // Of two hits at the same distance the first one stays, so that a hit must come before what there is: at the end
+    // of the ray still, therefore before the next number.
+    let mut best = Bests::up_to(F32x16::from_bits((tmax.to_bits() + Index16::splat(1)).min(Index16::splat(INFINITY))));
+    for triangle in tree.triangles() {
+        let primitive = triangle.primitive;
+        // SAFETY: the triangle is the tree's own.
+        if let Some(found) = packet.triangle(unsafe { sheared.of(triangle) }, active) {
+            let hit = Packet::filtered(&found, found.hit & found.t.lt(best.t), primitive, instance, filter);
+            best.keep(hit, &found, primitive);
+            best.again = best.again | found.doubtful;
+        }
     }
+    best.t = F32x16::select(best.primitive.eq(Index16::splat(MISS)), tmax, best.t);
+    // Another variable, because the loop above must keep its own in registers.
+    let mut all = best;
     for shape in tree.shapes() {
-        packet.shape(shape, active, &Solid { instance, filter }, instance, &mut best);
+        packet.shape(shape, active, &Solid { instance, filter }, instance, &mut all);
     }
-    best
+    all
+}
+
+/// The lanes that something stops, and those that passed an edge so closely that they had better go by themselves.
+pub(crate) struct Stopped {
+    pub hit: Mask16,
+    pub again: Mask16,
 }
 
 /// Sixteen rays against every primitive of a small tree, until all are stopped.
@@ -343,22 +386,35 @@ pub(crate) fn scan_occluded<K: Filter>(
     active: Mask16,
     instance: u32,
     filter: &K,
-) -> Mask16 {
+) -> Stopped {
+    let tmax = packet.ray.tmax;
     let mut left = active;
+    let mut again = Mask16::splat(false);
     let mut sheared = Sheared::nothing();
     sheared.fill(tree, packet);
-    for &(corners, primitive) in tree.triangles() {
-        if let Some(found) = packet.triangle(sheared.of(corners), left, packet.ray.tmax) {
-            left = left.and_not(Packet::filtered(&found, found.hit, primitive, instance, filter));
+    for triangle in tree.triangles() {
+        let primitive = triangle.primitive;
+        // SAFETY: the triangle is the tree's own.
+        let corners = unsafe { sheared.of(triangle) };
+        let hit = if K::KEEPS_ALL {
+            packet.stopped(corners, left, tmax)
+        } else {
+            packet.triangle(corners, left).map(|found| {
+                (Packet::filtered(&found, found.hit & found.t.le(tmax), primitive, instance, filter), found.doubtful)
+            })
+        };
+        if let Some((hit, doubtful)) = hit {
+            again = again | doubtful;
+            left = left.and_not(hit);
             if left.none() {
-                return active;
+                return Stopped { hit: active, again: left };
             }
         }
     }
     for shape in tree.shapes() {
         left = left.and_not(packet.shape_occludes(shape, left, &Solid { instance, filter }));
     }
-    active.and_not(left)
+    Stopped { hit: active.and_not(left), again: again & left }
 }
 
 /// A subtree to visit.
@@ -478,8 +534,9 @@ pub(crate) fn occluded<S: Simd, K: Filter>(
     active: Mask16,
     instance: u32,
     filter: &K,
-) -> Mask16 {
-    let Some(root) = tree.root() else { return Mask16::splat(false) };
+) -> Stopped {
+    let nothing = Mask16::splat(false);
+    let Some(root) = tree.root() else { return Stopped { hit: nothing, again: nothing } };
     packet.prepare_boxes();
     let solid = Solid { instance, filter };
     let mut singles = Singles::new();
@@ -488,6 +545,7 @@ pub(crate) fn occluded<S: Simd, K: Filter>(
     let limit = packet.ray.tmax * ONE_PLUS;
     let all = active;
     let mut left = active;
+    let mut again = Mask16::splat(false);
     let (mut current, mut active) = (root, active);
     loop {
         if active.count() < TOGETHER {
@@ -522,12 +580,12 @@ pub(crate) fn occluded<S: Simd, K: Filter>(
                             if i > 0 && primitive == block.primitive[i - 1] {
                                 continue;
                             }
-                            if let Some(found) =
-                                packet.triangle(packet.corners(block.corners(i)), active, packet.ray.tmax)
-                            {
-                                let hit = Packet::filtered(&found, found.hit, primitive, instance, filter);
+                            if let Some(found) = packet.triangle(packet.corners(block.corners(i)), active) {
+                                let hit = found.hit & found.t.le(packet.ray.tmax);
+                                let hit = Packet::filtered(&found, hit, primitive, instance, filter);
                                 active = active.and_not(hit);
                                 left = left.and_not(hit);
+                                again = again | found.doubtful;
                             }
                         }
                     }
@@ -540,7 +598,7 @@ pub(crate) fn occluded<S: Simd, K: Filter>(
         }
         loop {
             if len == 0 || left.none() {
-                return all.and_not(left);
+                return Stopped { hit: all.and_not(left), again: again & left };
             }
             len -= 1;
             // SAFETY: everything below `len` was written.

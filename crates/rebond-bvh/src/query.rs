@@ -43,8 +43,10 @@ impl Query for F32x16 {
             let tree = &accel.trees[tree];
             if tree.is_tiny() {
                 let (packet, fit, unusual) = Packet::new(ray, mask, tree.extent);
-                let mut hit = packet::scan_closest(tree, &packet, fit, instance, filter).hit(instance);
-                each_closest(accel, ray, unusual, filter, &mut hit);
+                let found = packet::scan_closest(tree, &packet, fit, instance, filter);
+                let alone = unusual | found.again;
+                let mut hit = found.hit(instance);
+                each_closest(accel, ray, alone, filter, &mut hit);
                 return hit;
             }
             if coherent || tree.is_small() {
@@ -54,8 +56,9 @@ impl Query for F32x16 {
                 } else {
                     packet::closest::<Native, false, K>(tree, &mut packet, fit, instance, filter)
                 };
+                let alone = unusual | found.again;
                 let mut hit = found.hit(instance);
-                each_closest(accel, ray, unusual, filter, &mut hit);
+                each_closest(accel, ray, alone, filter, &mut hit);
                 return hit;
             }
         }
@@ -69,13 +72,15 @@ impl Query for F32x16 {
             let tree = &accel.trees[tree];
             if tree.is_tiny() {
                 let (packet, fit, unusual) = Packet::new(ray, mask, tree.extent);
-                let hit = packet::scan_occluded(tree, &packet, fit, instance, filter);
-                return if unusual.any() { hit | each_occluded(accel, ray, unusual, filter) } else { hit };
+                let found = packet::scan_occluded(tree, &packet, fit, instance, filter);
+                let alone = unusual | found.again;
+                return if alone.any() { found.hit | each_occluded(accel, ray, alone, filter) } else { found.hit };
             }
             if tree.is_small() {
                 let (mut packet, fit, unusual) = Packet::new(ray, mask, tree.extent);
-                let hit = packet::occluded::<Native, K>(tree, &mut packet, fit, instance, filter);
-                return if unusual.any() { hit | each_occluded(accel, ray, unusual, filter) } else { hit };
+                let found = packet::occluded::<Native, K>(tree, &mut packet, fit, instance, filter);
+                let alone = unusual | found.again;
+                return if alone.any() { found.hit | each_occluded(accel, ray, alone, filter) } else { found.hit };
             }
         }
         each_occluded(accel, ray, mask, filter)
@@ -100,10 +105,8 @@ fn each_closest<K: Filter>(accel: &Accel, ray: &Ray<F32x16>, mask: Mask16, filte
         bits &= bits - 1;
         let one = Ray { o: o.map(|x| x[i]), d: d.map(|x| x[i]), tmax: tmax[i], time: time[i] };
         let best = closest::<Native, K>(accel, &one, filter);
-        if best.primitive != MISS {
-            (t[i], u[i], v[i]) = (best.t, best.u, best.v);
-            (primitive[i], instance[i]) = (best.primitive, best.instance);
-        }
+        (t[i], u[i], v[i]) = (best.t, best.u, best.v);
+        (primitive[i], instance[i]) = (best.primitive, best.instance);
     }
     (hit.t, hit.u, hit.v) = (F32x16::load(&t), F32x16::load(&u), F32x16::load(&v));
     hit.primitive = F32x16::load(&primitive.map(f32::from_bits)).to_bits();
@@ -333,7 +336,7 @@ mod tests {
             let instances: Vec<_> =
                 matrices.iter().map(|&m| Instance { geometry: 0, keyframes: vec![(0.0, m)] }).collect();
             let one = instances.len() == 1;
-            let options = BuildOptions::with_preset(Preset::Quality);
+            let options = BuildOptions::with_preset(if cfg!(miri) { Preset::Fast } else { Preset::Quality });
             let (accel, _) = Accel::build(vec![geometry], instances, &options).unwrap();
             let mut word = 1_u32;
             let mut random = || {

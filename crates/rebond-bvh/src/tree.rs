@@ -18,7 +18,7 @@ pub(crate) struct Tree {
     shapes: Vec<Shape>,
     root: Option<Child>,
     /// All triangles again, by number, if they are few; and the corners they share.
-    triangles: Vec<Triangle>,
+    triangles: Vec<FewTriangle>,
     corners: Vec<[f32; 3]>,
     /// Bounds of everything; lower above upper if there is nothing.
     pub bounds: ([f32; 3], [f32; 3]),
@@ -30,8 +30,13 @@ pub(crate) struct Tree {
 
 pub(crate) const NO_BOUNDS: ([f32; 3], [f32; 3]) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
 
-/// Places of its corners among those of the tree, all below [`FEW_CORNERS`] and their number; and its own number.
-type Triangle = ([u8; 3], u32);
+/// One of few triangles.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct FewTriangle {
+    /// Three times the places of its corners among those of the tree, which are at most [`FEW_CORNERS`].
+    pub corners: [u32; 3],
+    pub primitive: u32,
+}
 
 /// Up to so many triangles and shapes, sixteen rays look at all of them.
 const FEW: usize = 64;
@@ -109,7 +114,7 @@ impl Tree {
         size_of_val(&*self.nodes) + size_of_val(&*self.blocks) + size_of_val(&*self.shapes)
     }
     /// All triangles, if every primitive is either one of these or one of the few shapes.
-    pub fn triangles(&self) -> &[Triangle] {
+    pub fn triangles(&self) -> &[FewTriangle] {
         &self.triangles
     }
     /// Their corners, at most [`FEW_CORNERS`].
@@ -158,7 +163,7 @@ impl Tree {
 }
 
 /// All triangles and their corners, each once, if there are few of them.
-fn few(blocks: &[Block], shapes: &[Shape]) -> (Vec<Triangle>, Vec<[f32; 3]>) {
+fn few(blocks: &[Block], shapes: &[Shape]) -> (Vec<FewTriangle>, Vec<[f32; 3]>) {
     let none = (Vec::new(), Vec::new());
     if blocks.len() > FEW || shapes.len() > FEW_SHAPES {
         return none;
@@ -179,5 +184,6 @@ fn few(blocks: &[Block], shapes: &[Shape]) -> (Vec<Triangle>, Vec<[f32; 3]>) {
     if triangles.len() > FEW || corners.len() > FEW_CORNERS {
         return none;
     }
-    (triangles.iter().map(|(c, number)| (c.map(|i| i as u8), *number)).collect(), corners)
+    let few = |(c, primitive): ([usize; 3], u32)| FewTriangle { corners: c.map(|i| 3 * i as u32), primitive };
+    (triangles.into_iter().map(few).collect(), corners)
 }

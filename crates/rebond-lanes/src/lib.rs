@@ -225,6 +225,13 @@ pub trait Real:
     /// If the table is empty.
     fn record(table: &[Record], index: Self::Index) -> [Self; 4];
 
+    /// The same for a table of integers.
+    #[inline(always)]
+    fn words(table: &[Record], index: Self::Index) -> [Self::Index; 4] {
+        let [a, b, c, d] = Self::record(table, index);
+        [a.to_bits(), b.to_bits(), c.to_bits(), d.to_bits()]
+    }
+
     /// Zero.
     fn zero() -> Self {
         Self::splat(0.0)

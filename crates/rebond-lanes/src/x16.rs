@@ -4,15 +4,16 @@ use crate::{Index, Mask, Real, Record};
 use std::ops::{Add, AddAssign, BitAnd, BitOr, BitXor, Div, Mul, MulAssign, Neg, Not, Shl, Shr, Sub, SubAssign};
 use wide::{f32x16, u32x16};
 
+#[cfg_attr(target_feature = "avx512f", path = "x16/mask_registers.rs")]
+#[cfg_attr(not(target_feature = "avx512f"), path = "x16/mask_lanes.rs")]
+mod mask;
+
+pub use mask::Mask16;
+
 /// Sixteen numbers.
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(transparent)]
 pub struct F32x16(f32x16);
-
-/// Sixteen truth values.
-#[derive(Clone, Copy, Debug)]
-#[repr(transparent)]
-pub struct Mask16(f32x16); // every lane's bits are all 0 or all 1
 
 /// Sixteen unsigned integers.
 #[derive(Clone, Copy, Debug)]
@@ -32,7 +33,6 @@ macro_rules! operator {
 }
 operator! {
     F32x16: Add add, Sub sub, Mul mul, Div div;
-    Mask16: BitAnd bitand, BitOr bitor, BitXor bitxor;
     Index16: Add add, Sub sub, Mul mul, BitAnd bitand, BitOr bitor, BitXor bitxor;
 }
 
@@ -82,14 +82,6 @@ impl Neg for F32x16 {
     }
 }
 
-impl Not for Mask16 {
-    type Output = Self;
-    #[inline(always)]
-    fn not(self) -> Self {
-        Self(!self.0)
-    }
-}
-
 impl Not for Index16 {
     type Output = Self;
     #[inline(always)]
@@ -106,30 +98,6 @@ fn integers(x: f32x16) -> u32x16 {
 #[inline(always)]
 fn floats(x: u32x16) -> f32x16 {
     bytemuck::cast(x)
-}
-
-impl Mask for Mask16 {
-    #[inline(always)]
-    fn splat(b: bool) -> Self {
-        Self(floats(u32x16::splat(if b { u32::MAX } else { 0 })))
-    }
-    #[inline(always)]
-    fn from_bits(bits: u32) -> Self {
-        let lane_bit = u32x16::new(std::array::from_fn(|i| 1 << i));
-        Self(floats((u32x16::splat(bits) & lane_bit).simd_eq(lane_bit)))
-    }
-    #[inline(always)]
-    fn bits(self) -> u32 {
-        self.0.to_bitmask()
-    }
-    #[inline(always)]
-    fn any(self) -> bool {
-        self.0.any()
-    }
-    #[inline(always)]
-    fn all(self) -> bool {
-        self.0.all()
-    }
 }
 
 impl Index for Index16 {
@@ -149,11 +117,11 @@ impl Index for Index16 {
     }
     #[inline(always)]
     fn eq(self, other: Self) -> Mask16 {
-        Mask16(floats(self.0.simd_eq(other.0)))
+        mask::integers_eq(self.0, other.0)
     }
     #[inline(always)]
     fn lt(self, other: Self) -> Mask16 {
-        Mask16(floats(self.0.simd_lt(other.0)))
+        mask::integers_lt(self.0, other.0)
     }
     #[inline(always)]
     fn min(self, other: Self) -> Self {
@@ -161,7 +129,7 @@ impl Index for Index16 {
     }
     #[inline(always)]
     fn select(mask: Mask16, a: Self, b: Self) -> Self {
-        Self(integers(mask.0.select(floats(a.0), floats(b.0))))
+        Self(integers(mask::select(mask, floats(a.0), floats(b.0))))
     }
 }
 
@@ -220,19 +188,19 @@ impl Real for F32x16 {
     }
     #[inline(always)]
     fn select(mask: Mask16, a: Self, b: Self) -> Self {
-        Self(mask.0.select(a.0, b.0))
+        Self(mask::select(mask, a.0, b.0))
     }
     #[inline(always)]
     fn lt(self, other: Self) -> Mask16 {
-        Mask16(self.0.simd_lt(other.0))
+        mask::lt(self.0, other.0)
     }
     #[inline(always)]
     fn le(self, other: Self) -> Mask16 {
-        Mask16(self.0.simd_le(other.0))
+        mask::le(self.0, other.0)
     }
     #[inline(always)]
     fn eq(self, other: Self) -> Mask16 {
-        Mask16(self.0.simd_eq(other.0))
+        mask::eq(self.0, other.0)
     }
     #[inline(always)]
     fn min(self, other: Self) -> Self {

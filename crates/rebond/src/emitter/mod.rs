@@ -453,7 +453,7 @@ impl Emitters {
             let (wi, pdf, radiance) = environment.sample(u);
             let weight = (radiance * pdf.0.recip()).masked(pdf.0.gt(F::zero()));
             let s = EmitterSample { wi, weight, pdf, infinite: F::Mask::splat(true), ..EmitterSample::none() };
-            sample = EmitterSample::select(lanes, s, sample);
+            sample = if self.environments.len() == 1 { s } else { EmitterSample::select(lanes, s, sample) };
         }
         sample
     }

@@ -3,36 +3,94 @@
 //! Float sums hang on their order. A film must not: the same bits have to come out for any number of threads, and for
 //! [0, a) and [a, b) rendered apart and merged. So sums are wide fixed-point integers, to which every f32 within range
 //! is added without error (below 2⁻⁶⁴ it is rounded once, when it is converted).
+//!
+//! Samples reach them by way of a [`Batch`], which is as exact: it adds up f64s that are cut into pieces so short that
+//! a few of them lose nothing.
 
 use super::{Channel, Image, Layer};
 use crate::math;
 
-/// Fraction bits of the sums of values and of squares. An i128 then reaches to 9·10¹⁸; sums of squares saturate there,
-/// and lose the variance of samples below about 10⁻⁹.
+/// Fraction bits of the sums of values and of squares. Sums of squares lose the variance of samples below about 10⁻⁹.
 const VALUE_BITS: i32 = 64;
 const SQUARE_BITS: i32 = 64;
+
+/// Where sums of squares stop, 2⁶¹ or 2·10¹⁸: once there they stay, in whatever order they are added.
+const SQUARES_REACH: i128 = 1 << 125;
 
 /// Values of this size and beyond are taken for errors, as infinities and NaN are.
 pub const LARGEST_SAMPLE: f32 = 4_294_967_296.0; // 2³²
 
-/// A finite number as a multiple of 2^−bits, rounded towards zero; the largest i128 if it is out of reach.
-#[inline(always)]
-fn fixed(x: f64, bits: i32) -> i128 {
-    let b = x.to_bits();
-    let exponent = (b >> 52 & 0x7ff) as i32;
-    let mantissa = ((b & ((1 << 52) - 1)) | 1 << 52) as i128;
-    let shift = exponent - 1075 + bits;
-    let magnitude = match shift {
-        75.. => i128::MAX,
-        0.. => mantissa << shift,
-        _ => mantissa >> (-shift).min(127),
-    };
-    if x < 0.0 { -magnitude } else { magnitude }
-}
-
 /// The f64 nearest to a multiple of 2^−bits.
 fn float(x: i128, bits: i32) -> f64 {
     x as f64 * f64::powi(2.0, -bits)
+}
+
+/// What one pixel receives in a row, up to [`Batch::CAPACITY`] samples.
+///
+/// Each row holds one piece of the three channels' numbers: multiples of one power of two, so small that the sum of a
+/// batch still fits into the 53 bits of an f64. The fourth column is there for the machine's sake.
+#[derive(Clone, Copy, Debug, Default)]
+#[repr(align(32))]
+pub struct Batch {
+    values: [[f64; 4]; 2],
+    squares: [[f64; 4]; 3],
+    samples: u32,
+    dropped: u32,
+}
+
+/// Last bit of each piece, as a power of two. Values are below 2³², so that no piece is longer than 48 bits.
+const VALUE_PIECES: [i32; 2] = [-16, -VALUE_BITS];
+const SQUARE_PIECES: [i32; 3] = [21, -22, -SQUARE_BITS];
+
+/// Adds `x` to its sums piece by piece; what is below the last piece is rounded.
+#[inline(always)]
+fn add_pieces<const N: usize>(sums: &mut [[f64; 4]; N], pieces: [i32; N], mut x: [f64; 4]) {
+    for (sum, last_bit) in sums.iter_mut().zip(pieces) {
+        // Beside a number of this size there is no room for smaller bits.
+        let magnet = 1.5 * f64::from_bits(((1023 + 52 + last_bit) as u64) << 52);
+        for c in 0..4 {
+            let piece = (x[c] + magnet) - magnet;
+            sum[c] += piece;
+            x[c] -= piece;
+        }
+    }
+}
+
+/// The sum of the pieces as a multiple of the last one's last bit; [`SQUARES_REACH`] if it is beyond.
+fn sum_of_pieces<const N: usize>(sums: &[[f64; 4]; N], pieces: [i32; N], channel: usize) -> i128 {
+    let lowest = pieces[N - 1];
+    let mut total = 0;
+    for (sum, last_bit) in sums.iter().zip(pieces) {
+        // The sum of a batch is less than 2⁵³ of these.
+        let n = i128::from((sum[channel] * f64::powi(2.0, -last_bit)) as i64);
+        let shift = (last_bit - lowest) as u32;
+        // Beyond 2¹²⁶ the pieces still to come, which may be negative, bring nothing back within reach.
+        if n >> (126 - shift) > 0 {
+            return SQUARES_REACH;
+        }
+        total += n << shift;
+    }
+    total.min(SQUARES_REACH)
+}
+
+impl Batch {
+    /// Samples that it holds at most.
+    pub const CAPACITY: u32 = 32;
+
+    /// Adds one sample. A sample that is not finite counts as black, and is counted.
+    #[inline(always)]
+    pub fn add(&mut self, rgb: [f32; 3]) {
+        debug_assert!(self.samples < Self::CAPACITY);
+        self.samples += 1;
+        if !rgb.iter().all(|x| x.abs() < LARGEST_SAMPLE) {
+            self.dropped += 1;
+            return;
+        }
+        let [r, g, b] = rgb.map(f64::from);
+        let x = [r, g, b, 0.0];
+        add_pieces(&mut self.values, VALUE_PIECES, x);
+        add_pieces(&mut self.squares, SQUARE_PIECES, x.map(|x| x * x));
+    }
 }
 
 /// What one pixel has received.
@@ -45,26 +103,22 @@ pub struct Pixel {
 }
 
 impl Pixel {
-    /// Adds one sample. A sample that is not finite counts as black, and is counted.
-    #[inline(always)]
-    pub fn add(&mut self, rgb: [f32; 3]) {
-        self.samples += 1;
-        if !rgb.iter().all(|x| x.abs() < LARGEST_SAMPLE) {
-            self.dropped += 1;
-            return;
+    /// Adds a batch of samples.
+    pub fn add(&mut self, batch: &Batch) {
+        for c in 0..3 {
+            self.sum[c] += sum_of_pieces(&batch.values, VALUE_PIECES, c);
+            let squares = sum_of_pieces(&batch.squares, SQUARE_PIECES, c);
+            self.squares[c] = (self.squares[c] + squares).min(SQUARES_REACH);
         }
-        for (c, x) in rgb.iter().enumerate() {
-            let x = f64::from(*x);
-            self.sum[c] += fixed(x, VALUE_BITS);
-            self.squares[c] = self.squares[c].saturating_add(fixed(x * x, SQUARE_BITS));
-        }
+        self.samples += u64::from(batch.samples);
+        self.dropped += u64::from(batch.dropped);
     }
 
     /// Adds what another one received.
     pub fn merge(&mut self, other: &Self) {
         for c in 0..3 {
             self.sum[c] += other.sum[c];
-            self.squares[c] = self.squares[c].saturating_add(other.squares[c]);
+            self.squares[c] = (self.squares[c] + other.squares[c]).min(SQUARES_REACH);
         }
         self.samples += other.samples;
         self.dropped += other.dropped;
@@ -85,7 +139,7 @@ impl Pixel {
         let n = self.samples as f64;
         let mean = self.mean();
         std::array::from_fn(|c| {
-            if self.squares[c] == i128::MAX {
+            if self.squares[c] == SQUARES_REACH {
                 return f64::INFINITY;
             }
             let sum_of_squares = float(self.squares[c], SQUARE_BITS) - n * mean[c] * mean[c];
@@ -210,18 +264,25 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    fn pixel(samples: &[[f32; 3]]) -> Pixel {
+        let mut pixel = Pixel::default();
+        for run in samples.chunks(Batch::CAPACITY as usize) {
+            let mut batch = Batch::default();
+            run.iter().for_each(|s| batch.add(*s));
+            pixel.add(&batch);
+        }
+        pixel
+    }
+
     proptest! {
         #[test]
         fn sums_are_exact_and_free_of_order(values in prop::collection::vec(prop::array::uniform3(-1e6f32..1e9), 1..60), cut in 0usize..60) {
-            let mut whole = Pixel::default();
-            values.iter().for_each(|v| whole.add(*v));
-            let mut reversed = Pixel::default();
-            values.iter().rev().for_each(|v| reversed.add(*v));
-            prop_assert_eq!(whole, reversed);
-            let (mut a, mut b) = (Pixel::default(), Pixel::default());
+            let whole = pixel(&values);
+            let mut reversed = values.clone();
+            reversed.reverse();
+            prop_assert_eq!(whole, pixel(&reversed));
             let (first, second) = values.split_at(cut.min(values.len()));
-            first.iter().for_each(|v| a.add(*v));
-            second.iter().for_each(|v| b.add(*v));
+            let (mut a, b) = (pixel(first), pixel(second));
             a.merge(&b);
             prop_assert_eq!(whole, a);
             for c in 0..3 {
@@ -230,30 +291,48 @@ mod tests {
             }
         }
 
+        /// Against integers: every f32 is a multiple of 2⁻¹⁴⁹, and of the pieces' last bit where it is large enough.
         #[test]
-        fn fixed_point_goes_there_and_back(x in prop_oneof![-1e9f32..1e9, -1.0f32..1.0, -1e-9f32..1e-9]) {
-            let x = f64::from(x);
-            prop_assert!((float(fixed(x, VALUE_BITS), VALUE_BITS) - x).abs() <= f64::powi(2.0, -64));
+        fn pieces_lose_nothing(values in prop::collection::vec(prop_oneof![-4.2e9f32..4.2e9, -1.0f32..1.0, -1e-6f32..1e-6], 1..33)) {
+            let samples: Vec<[f32; 3]> = values.iter().map(|x| [*x, 0.0, -x]).collect();
+            let fixed = |x: f64, bits: i32| -> i128 {
+                let (mantissa, exponent) = ((x.to_bits() & ((1 << 52) - 1)) | 1 << 52, (x.to_bits() >> 52 & 0x7ff) as i32);
+                let shift = exponent - 1075 + bits;
+                let magnitude = match shift {
+                    _ if x == 0.0 => 0,
+                    0.. => i128::from(mantissa) << shift,
+                    // Rounded to even.
+                    -60..0 => {
+                        let (kept, rest) = (mantissa >> -shift, mantissa & ((1 << -shift) - 1));
+                        let half = 1_u64 << (-shift - 1);
+                        i128::from(kept + u64::from(rest > half || rest == half && kept & 1 == 1))
+                    }
+                    _ => 0,
+                };
+                if x < 0.0 { -magnitude } else { magnitude }
+            };
+            let p = pixel(&samples);
+            let sum: i128 = values.iter().map(|x| fixed(f64::from(*x), VALUE_BITS)).sum();
+            prop_assert_eq!(p.sum, [sum, 0, -sum]);
+            if values.iter().all(|x| x.abs() < 3e8) {
+                let squares: i128 = values.iter().map(|x| fixed(f64::from(*x).powi(2), SQUARE_BITS)).sum();
+                prop_assert_eq!(p.squares, [squares, 0, squares]);
+            }
         }
     }
 
     #[test]
     fn variance_and_bad_samples() {
-        let mut p = Pixel::default();
-        [1.0, 2.0, 3.0, 4.0].iter().for_each(|x| p.add([*x, 5.0, 0.0]));
+        let mut p = pixel(&[1.0, 2.0, 3.0, 4.0].map(|x| [x, 5.0, 0.0]));
         assert_eq!(p.mean(), [2.5, 5.0, 0.0]);
         assert!((p.variance()[0] - 5.0 / 3.0).abs() < 1e-12 && p.variance()[1].abs() < 1e-9);
         // Squares may be out of reach; the mean is not touched.
-        let mut bright = Pixel::default();
-        [3e9, 4e9, 1.0].iter().for_each(|x| bright.add([*x; 3]));
+        let bright = pixel(&[3e9, 4e9, 1.0].map(|x| [x; 3]));
         assert_eq!((bright.mean()[0], bright.dropped), (7_000_000_001.0 / 3.0, 0));
         assert_eq!(bright.variance()[0], f64::INFINITY);
-        let mut dim = Pixel::default();
-        [1e-8, 3e-8].iter().for_each(|x| dim.add([*x; 3]));
+        let dim = pixel(&[1e-8, 3e-8].map(|x| [x; 3]));
         assert!((dim.variance()[0] / 2e-16 - 1.0).abs() < 1e-3);
-        for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e30] {
-            p.add([0.0, bad, 0.0]);
-        }
+        p.merge(&pixel(&[f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e30].map(|bad| [0.0, bad, 0.0])));
         assert_eq!((p.samples, p.dropped, p.mean()), (8, 4, [1.25, 2.5, 0.0]));
     }
 }

@@ -4,6 +4,6 @@ mod accumulator;
 mod filter;
 mod image;
 
-pub use accumulator::{Film, LARGEST_SAMPLE, Pixel};
+pub use accumulator::{Batch, Film, LARGEST_SAMPLE, Pixel};
 pub use filter::{Filter, FilterSettings};
 pub use image::{Channel, Image, Layer};

@@ -3,7 +3,7 @@
 use super::path_state::{PathState, Shade};
 use super::tiles::{TILE, Tiles};
 use super::{Integrator, Observer, Pass};
-use crate::film::{Film, Pixel};
+use crate::film::{Batch, Film};
 use crate::sampling::Sampler;
 use crate::scene::Scene;
 use rebond_lanes::scalar::Index1;
@@ -39,9 +39,8 @@ impl<S: Shade> Integrator for Scalar<'_, S> {
     fn add_samples(&self, film: &Mutex<Film>, pass: &Pass, observer: &dyn Observer) -> u64 {
         Tiles::new(film, pass, observer).run(|tiles| {
             while let Some(tile) = tiles.next() {
-                let (mut pixels, mut rays) = ([Pixel::default(); TILE], 0);
-                for n in 0..tiles.samples_of(&tile) {
-                    let s = tiles.sample(&tile, n);
+                let (mut pixels, mut rays) = ([Batch::default(); TILE], 0);
+                for s in tiles.samples_from(&tile, 0) {
                     let [x, y, pixel, index, slot] = [s.x, s.y, s.pixel, s.index, s.slot].map(Index1);
                     let path = PathState::start(self.scene, &self.sampler, x, y, pixel, index, slot);
                     let (radiance, its_rays) = self.trace(path);

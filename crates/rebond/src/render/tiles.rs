@@ -1,7 +1,7 @@
 //! The pixels of a pass, handed out tile by tile; and their sums, handed back.
 
 use super::{Observer, Pass};
-use crate::film::{Film, Pixel};
+use crate::film::{Batch, Film};
 use std::ops::Range;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -12,7 +12,7 @@ pub const SIDE: u32 = 16;
 pub const TILE: usize = (SIDE * SIDE) as usize;
 
 /// Samples per pixel of one visit to a tile: what is lost at most when a render is told to stop.
-const VISIT: u32 = 32;
+const VISIT: u32 = Batch::CAPACITY;
 
 /// The tiles of a pass, visited once for every [`VISIT`] samples: all of them for the first, then all for the next. A
 /// visit belongs to one thread, which adds up its samples and hands the sums over when all are done; sums are exact, so
@@ -94,28 +94,45 @@ impl<'a> Tiles<'a> {
         tile.width * tile.height * tile.samples.len() as u32
     }
 
-    /// Sample `n` of a visit: all samples of a pixel, then those of the next.
+    /// The samples of a visit from the `n`-th on: all of a pixel, then those of the next.
     #[inline(always)]
-    pub fn sample(&self, tile: &Tile, n: u32) -> Sample {
+    pub fn samples_from(&self, tile: &Tile, n: u32) -> impl Iterator<Item = Sample> {
+        let (tile, r) = (tile.clone(), &self.pass.region);
         let per_pixel = tile.samples.len() as u32;
-        let (slot, index) = (n / per_pixel, n % per_pixel);
-        let r = &self.pass.region;
-        let (x, y) = (r.x + tile.x + slot % tile.width, r.y + tile.y + slot / tile.width);
-        Sample { x, y, pixel: y.wrapping_mul(r.full_width).wrapping_add(x), index: tile.samples.start + index, slot }
+        let (mut slot, mut index) = (n / per_pixel, n % per_pixel);
+        let (mut x, mut y) = (slot % tile.width, slot / tile.width);
+        // One division at the start is enough: the rest is counting.
+        std::iter::from_fn(move || {
+            let (at_x, at_y) = (r.x + tile.x + x, r.y + tile.y + y);
+            let pixel = at_y.wrapping_mul(r.full_width).wrapping_add(at_x);
+            let sample = (y < tile.height).then_some(Sample {
+                x: at_x,
+                y: at_y,
+                pixel,
+                index: tile.samples.start + index,
+                slot,
+            });
+            index += 1;
+            if index == per_pixel {
+                (index, slot, x) = (0, slot + 1, x + 1);
+                if x == tile.width {
+                    (x, y) = (0, y + 1);
+                }
+            }
+            sample
+        })
     }
 
     /// Hands the sums of a tile over, for which `rays` were traced since the last time.
-    pub fn done(&self, tile: &Tile, pixels: &[Pixel], rays: u64) {
+    pub fn done(&self, tile: &Tile, pixels: &[Batch], rays: u64) {
         let mut film = self.film.lock().unwrap_or_else(|e| e.into_inner());
         let width = film.width();
-        let mut samples = 0;
         for (i, p) in pixels[..(tile.width * tile.height) as usize].iter().enumerate() {
             let (x, y) = (tile.x + i as u32 % tile.width, tile.y + i as u32 / tile.width);
-            film.pixels_mut()[(y * width + x) as usize].merge(p);
-            samples += p.samples();
+            film.pixels_mut()[(y * width + x) as usize].add(p);
         }
         drop(film);
         self.rays.fetch_add(rays, Ordering::Relaxed);
-        self.observer.advance(samples, rays);
+        self.observer.advance(u64::from(self.samples_of(tile)), rays);
     }
 }

@@ -5,9 +5,9 @@
 //! end are added to their pixels.
 
 use super::path_state::{FIELDS, PathState, Shade};
-use super::tiles::{TILE, Tile, Tiles};
+use super::tiles::{Sample, TILE, Tile, Tiles};
 use super::{Integrator, Observer, Pass};
-use crate::film::{Film, Pixel};
+use crate::film::{Batch, Film};
 use crate::sampling::Sampler;
 use crate::scene::Scene;
 use rebond_lanes::{F32x16, Index, Mask, Real};
@@ -34,7 +34,7 @@ impl<S: Shade> Integrator for Wavefront<'_, S> {
 /// A tile some of whose paths are under way.
 struct OpenTile {
     tile: Tile,
-    pixels: [Pixel; TILE],
+    pixels: [Batch; TILE],
     /// Samples not yet finished.
     left: u32,
 }
@@ -83,23 +83,34 @@ impl<'a, S: Shade> Worker<'a, S> {
             path.add_contribution(shadow.contribution, shadow.mask.and_not(blocked));
             self.rays += u64::from(shadow.mask.count());
         }
-        let mut ended = active.and_not(bounce.alive).bits();
-        while ended != 0 {
-            let lane = ended.trailing_zeros() as usize;
-            ended &= ended - 1;
-            self.finish(path.slot.lane(lane) as usize, path.radiance().lane(lane));
+        let ended = active.and_not(bounce.alive);
+        if ended.any() {
+            self.finish(&path, ended.bits());
         }
         path.compress(bounce.alive & active, &mut self.columns, STRIDE, to)
     }
 
-    fn finish(&mut self, slot: usize, radiance: [f32; 3]) {
-        let place = &mut self.open[slot / TILE];
-        let open = place.as_mut().expect("paths of an open tile");
-        open.pixels[slot % TILE].add(radiance);
-        open.left -= 1;
-        if open.left == 0 {
-            self.tiles.done(&open.tile, &open.pixels, std::mem::take(&mut self.rays));
-            *place = None;
+    /// Adds the paths of these lanes to their pixels.
+    #[inline(always)]
+    fn finish(&mut self, path: &PathState<F32x16>, mut lanes: u32) {
+        let mut columns = [[0.0; LANES]; 4];
+        let radiance = path.radiance();
+        for (column, x) in columns.iter_mut().zip([radiance.r, radiance.g, radiance.b, Real::from_bits(path.slot)]) {
+            x.store(column);
+        }
+        while lanes != 0 {
+            let lane = lanes.trailing_zeros() as usize % LANES;
+            lanes &= lanes - 1;
+            let [r, g, b, slot] = columns.map(|column| column[lane]);
+            let slot = slot.to_bits() as usize;
+            let place = &mut self.open[slot / TILE];
+            let open = place.as_mut().expect("paths of an open tile");
+            open.pixels[slot % TILE].add([r, g, b]);
+            open.left -= 1;
+            if open.left == 0 {
+                self.tiles.done(&open.tile, &open.pixels, std::mem::take(&mut self.rays));
+                *place = None;
+            }
         }
     }
 
@@ -118,7 +129,7 @@ impl<'a, S: Shade> Worker<'a, S> {
     fn open_tile(&mut self) -> Option<(usize, u32)> {
         let tile = self.tiles.next()?;
         let left = self.tiles.samples_of(&tile);
-        let open = Some(Box::new(OpenTile { tile, pixels: [Pixel::default(); TILE], left }));
+        let open = Some(Box::new(OpenTile { tile, pixels: [Batch::default(); TILE], left }));
         let place = match self.open.iter().position(Option::is_none) {
             Some(free) => free,
             None => {
@@ -132,7 +143,10 @@ impl<'a, S: Shade> Worker<'a, S> {
 
     /// Samples `first..first + n` of a tile, n ≤ 16.
     fn start(&mut self, place: usize, tile: &Tile, first: u32, n: u32) {
-        let samples: [_; LANES] = std::array::from_fn(|i| self.tiles.sample(tile, first + (i as u32).min(n - 1)));
+        let mut samples = [Sample::default(); LANES];
+        for (place, sample) in samples.iter_mut().zip(self.tiles.samples_from(tile, first)) {
+            *place = sample;
+        }
         let gather =
             |f: &dyn Fn(usize) -> u32| (0..LANES).fold(<F32x16 as Real>::Index::splat(0), |v, i| v.with_lane(i, f(i)));
         let path = PathState::<F32x16>::start(

@@ -116,7 +116,7 @@ fn split<F: Real>(u: F, first: F, second: F) -> (F::Mask, F) {
     let at = u * (first + second);
     // A share of nothing is never taken, whatever rounding does.
     let takes_second = (at.ge(first) & second.gt(F::zero())) | first.le(F::zero());
-    let within = F::select(takes_second, (at - first) / second, at / first);
+    let within = F::select(takes_second, at - first, at) / F::select(takes_second, second, first);
     (takes_second, within.relu())
 }
 

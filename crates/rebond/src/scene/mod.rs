@@ -214,12 +214,11 @@ impl Scene {
     /// The BSDF of a surface. Mixes are resolved by drawing one of their parts, by `choice` in [0, 1).
     #[inline(always)]
     pub fn bsdf<F: Real>(&self, surface: &Surface<F>, choice: impl FnOnce() -> F, mask: F::Mask) -> Bsdf<F> {
-        let record = |material: F::Index, n: u32| {
-            F::record(&self.materials, material * F::Index::splat(MATERIAL_RECORDS) + F::Index::splat(n))
-        };
+        let at = |material: F::Index, n: u32| material * F::Index::splat(MATERIAL_RECORDS) + F::Index::splat(n);
+        let record = |material: F::Index, n: u32| F::record(&self.materials, at(material, n));
         let mut material = surface.material;
         let (mut frame, mut ng) = (surface.frame, surface.ng);
-        let mut head = record(material, 0).map(F::to_bits);
+        let mut head = F::words(&self.materials, at(material, 0));
         if self.features.two_sided {
             let two_sided = mask & head[0].eq(F::Index::splat(TWO_SIDED));
             if two_sided.any() {
@@ -228,7 +227,7 @@ impl Scene {
                 // Turned about the first tangent, so that the frame stays right-handed.
                 (frame.n, ng) = (Vec3::select(behind, -frame.n, frame.n), Vec3::select(behind, -ng, ng));
                 frame.t = Vec3::select(behind, -frame.t, frame.t);
-                head = record(material, 0).map(F::to_bits);
+                head = F::words(&self.materials, at(material, 0));
             }
         }
         if self.features.mixes {
@@ -244,7 +243,7 @@ impl Scene {
                 let rest = F::select(takes_b, u / weight, (u - weight) / (F::one() - weight));
                 u = F::select(mixed, rest, u);
                 material = F::Index::select(mixed, F::Index::select(takes_b, head[2], head[1]), material);
-                head = record(material, 0).map(F::to_bits);
+                head = F::words(&self.materials, at(material, 0));
             }
         }
         let mut color = Rgb::of_record(record(material, 1));

@@ -56,8 +56,8 @@ struct Local<F: Real> {
 #[inline(always)]
 pub fn surface<F: Real>(scene: &Scene, ray: &Ray<F>, hit: &Hit<F>, mask: F::Mask) -> Surface<F> {
     let primitive = F::Index::select(mask, hit.primitive, F::Index::splat(0));
-    let corners = F::record(&scene.primitives, primitive).map(F::to_bits);
-    let [material, first_emitter, flags, first_primitive] = F::record(&scene.shapes, corners[3]).map(F::to_bits);
+    let corners = F::words(&scene.primitives, primitive);
+    let [material, first_emitter, flags, first_primitive] = F::words(&scene.shapes, corners[3]);
     let flag = |f: u32| (flags & F::Index::splat(f)).ne(F::Index::splat(0));
     let analytic = if scene.features.analytic { flag(IS_SPHERE | IS_DISK) & mask } else { F::Mask::splat(false) };
 
@@ -111,8 +111,9 @@ fn triangle<F: Real>(
         let z = Vec3::splat([0.0, 0.0, 1.0]);
         return Local { p: Vec3::zero(), error: F::zero(), ng: z, ns: z, tangent: z, uv: [F::zero(); 2] };
     }
-    let [v0, v1, v2] = [0, 1, 2].map(|i| F::record(&scene.vertices, corners[i]));
-    let [p0, p1, p2] = [v0, v1, v2].map(Vec3::of_record);
+    let vertex = |i: usize| F::record(&scene.vertices, corners[i]);
+    let (v0, v1, v2) = (vertex(0), vertex(1), vertex(2));
+    let (p0, p1, p2) = (Vec3::of_record(v0), Vec3::of_record(v1), Vec3::of_record(v2));
     let (e1, e2) = (p1 - p0, p2 - p0);
     let ng = e1.cross(e2).normalized();
     let mut local = Local {
@@ -124,7 +125,8 @@ fn triangle<F: Real>(
         uv: [hit.u, hit.v],
     };
     if scene.features.normals && (has_normals | has_uvs).any() {
-        let [n0, n1, n2] = [0, 1, 2].map(|i| F::record(&scene.normals, corners[i]));
+        let normal = |i: usize| F::record(&scene.normals, corners[i]);
+        let (n0, n1, n2) = (normal(0), normal(1), normal(2));
         let w = F::one() - hit.u - hit.v;
         let across = |a: F, b: F, c: F| w * a + hit.u * b + hit.v * c;
         let n = vec3(across(n0[0], n1[0], n2[0]), across(n0[1], n1[1], n2[1]), across(n0[2], n1[2], n2[2]));
