@@ -3,7 +3,7 @@
 use crate::accel::{Accel, World};
 use crate::instance::transform;
 use crate::packet::{self, Packet};
-use crate::ray::{Best, SingleRay, no_hit};
+use crate::ray::{Best, Rays, SingleRay, no_hit};
 use crate::shape::Shape;
 use crate::simd::{Native, Simd};
 use crate::single::{self, Shapes, Solid};
@@ -90,43 +90,127 @@ impl Query for F32x16 {
 /// The lanes of `mask`, one by one.
 #[inline]
 fn each_closest<K: Filter>(accel: &Accel, ray: &Ray<F32x16>, mask: Mask16, filter: &K, hit: &mut Hit<F32x16>) {
-    let mut bits = mask.bits();
-    if bits == 0 {
+    if mask.none() {
         return;
     }
-    let (mut t, mut u, mut v) = (store(hit.t), store(hit.u), store(hit.v));
-    let mut primitive = store(F32x16::from_bits(hit.primitive)).map(f32::to_bits);
-    let mut instance = store(F32x16::from_bits(hit.instance)).map(f32::to_bits);
-    let o = ray.o.map(store);
-    let d = ray.d.map(store);
-    let (tmax, time) = (store(ray.tmax), store(ray.time));
-    while bits != 0 {
-        let i = bits.trailing_zeros() as usize & 15;
-        bits &= bits - 1;
-        let one = Ray { o: o.map(|x| x[i]), d: d.map(|x| x[i]), tmax: tmax[i], time: time[i] };
-        let best = closest::<Native, K>(accel, &one, filter);
-        (t[i], u[i], v[i]) = (best.t, best.u, best.v);
-        (primitive[i], instance[i]) = (best.primitive, best.instance);
+    let mut hits = Hits {
+        t: store(hit.t),
+        u: store(hit.u),
+        v: store(hit.v),
+        primitive: store(F32x16::from_bits(hit.primitive)).map(f32::to_bits),
+        instance: store(F32x16::from_bits(hit.instance)).map(f32::to_bits),
+    };
+    let mut left = mask;
+    if let World::One { tree, instance } = accel.world {
+        let tree = &accel.trees[tree];
+        let (fit, largest, reach) = SingleRay::sizes_of(ray.o, ray.d, tree.extent);
+        let usual = mask & fit & ray.tmax.ge(F32x16::zero());
+        let rays = Rays::new(ray.o, ray.d, largest, reach);
+        let tmax = store(ray.tmax);
+        if tree.large {
+            closest_of_each::<Native, true, K>(tree, &rays, &tmax, usual.bits(), instance, filter, &mut hits);
+        } else {
+            closest_of_each::<Native, false, K>(tree, &rays, &tmax, usual.bits(), instance, filter, &mut hits);
+        }
+        left = mask.and_not(usual);
     }
-    (hit.t, hit.u, hit.v) = (F32x16::load(&t), F32x16::load(&u), F32x16::load(&v));
-    hit.primitive = F32x16::load(&primitive.map(f32::from_bits)).to_bits();
-    hit.instance = F32x16::load(&instance.map(f32::from_bits)).to_bits();
+    if left.any() {
+        let one = lane_of(ray);
+        each(left.bits(), |i| hits.set(i, &closest::<Native, K>(accel, &one(i), filter)));
+    }
+    let words = |x: &[u32; 16]| F32x16::load(&x.map(f32::from_bits)).to_bits();
+    (hit.t, hit.u, hit.v) = (F32x16::load(&hits.t), F32x16::load(&hits.u), F32x16::load(&hits.v));
+    (hit.primitive, hit.instance) = (words(&hits.primitive), words(&hits.instance));
+}
+
+/// What each lane found.
+struct Hits {
+    t: [f32; 16],
+    u: [f32; 16],
+    v: [f32; 16],
+    primitive: [u32; 16],
+    instance: [u32; 16],
+}
+
+impl Hits {
+    #[inline(always)]
+    fn set(&mut self, i: usize, best: &Best) {
+        (self.t[i], self.u[i], self.v[i]) = (best.t, best.u, best.v);
+        (self.primitive[i], self.instance[i]) = (best.primitive, best.instance);
+    }
+}
+
+/// Calls `f` with each set bit.
+#[inline(always)]
+fn each(mut bits: u32, mut f: impl FnMut(usize)) {
+    while bits != 0 {
+        f(bits.trailing_zeros() as usize & 15);
+        bits &= bits - 1;
+    }
+}
+
+/// The rays one by one.
+#[inline(always)]
+fn lane_of(ray: &Ray<F32x16>) -> impl Fn(usize) -> Ray<f32> {
+    let (o, d) = (ray.o.map(store), ray.d.map(store));
+    let (tmax, time) = (store(ray.tmax), store(ray.time));
+    move |i| Ray { o: o.map(|x| x[i]), d: d.map(|x| x[i]), tmax: tmax[i], time: time[i] }
+}
+
+#[inline(never)]
+fn closest_of_each<S: Simd, const PREFETCH: bool, K: Filter>(
+    tree: &Tree,
+    rays: &Rays,
+    tmax: &[f32; 16],
+    lanes: u32,
+    instance: u32,
+    filter: &K,
+    hits: &mut Hits,
+) {
+    let Some(root) = tree.root() else { return };
+    let solid = Solid { instance, filter };
+    each(lanes, |i| {
+        let mut best = Best::up_to(tmax[i]);
+        single::closest::<S, PREFETCH, K>(tree, root, &rays.lane(i), instance, filter, &solid, &mut best);
+        hits.set(i, &best);
+    });
 }
 
 #[inline]
 fn each_occluded<K: Filter>(accel: &Accel, ray: &Ray<F32x16>, mask: Mask16, filter: &K) -> Mask16 {
-    let o = ray.o.map(store);
-    let d = ray.d.map(store);
-    let (tmax, time) = (store(ray.tmax), store(ray.time));
-    let mut bits = mask.bits();
-    let mut hit = 0;
-    while bits != 0 {
-        let i = bits.trailing_zeros() as usize & 15;
-        bits &= bits - 1;
-        let one = Ray { o: o.map(|x| x[i]), d: d.map(|x| x[i]), tmax: tmax[i], time: time[i] };
-        hit |= u32::from(occluded::<Native, K>(accel, &one, filter)) << i;
+    let (mut left, mut hit) = (mask, 0);
+    if let World::One { tree, instance } = accel.world {
+        let tree = &accel.trees[tree];
+        let (fit, largest, reach) = SingleRay::sizes_of(ray.o, ray.d, tree.extent);
+        let usual = mask & fit & ray.tmax.ge(F32x16::zero());
+        let rays = Rays::new(ray.o, ray.d, largest, reach);
+        hit = occluded_of_each::<Native, K>(tree, &rays, &store(ray.tmax), usual.bits(), instance, filter);
+        left = mask.and_not(usual);
+    }
+    if left.any() {
+        let one = lane_of(ray);
+        each(left.bits(), |i| hit |= u32::from(occluded::<Native, K>(accel, &one(i), filter)) << i);
     }
     Mask::from_bits(hit)
+}
+
+#[inline(never)]
+fn occluded_of_each<S: Simd, K: Filter>(
+    tree: &Tree,
+    rays: &Rays,
+    tmax: &[f32; 16],
+    lanes: u32,
+    instance: u32,
+    filter: &K,
+) -> u32 {
+    let Some(root) = tree.root() else { return 0 };
+    let solid = Solid { instance, filter };
+    let mut hit = 0;
+    each(lanes, |i| {
+        let blocked = single::occluded::<S, K>(tree, root, &rays.lane(i), instance, filter, &solid, tmax[i]);
+        hit |= u32::from(blocked) << i;
+    });
+    hit
 }
 
 #[inline(always)]

@@ -2,7 +2,7 @@
 
 use crate::MISS;
 use crate::node::ONE_PLUS;
-use rebond_lanes::{Index, Real};
+use rebond_lanes::{F32x16, Index, Index16, Mask, Real};
 
 /// A ray as the kernels want it.
 ///
@@ -33,6 +33,9 @@ pub(crate) struct SingleRay {
     /// The ray is too far out for the boxes' arithmetic: look at every primitive, in f64.
     pub huge: bool,
 }
+
+/// The axes across a ray and the one along it, by the number of the latter.
+const AXES: [[usize; 3]; 3] = [[1, 2, 0], [2, 0, 1], [0, 1, 2]];
 
 /// Beyond this, products of coordinates and inverse directions could overflow.
 const HUGE: f32 = (1_u64 << 60) as f32;
@@ -114,7 +117,7 @@ impl SingleRay {
         } else {
             2
         };
-        let axes: [usize; 3] = [[1, 2, 0], [2, 0, 1], [0, 1, 2]][z];
+        let axes = AXES[z];
         let least = largest * Self::FLAT;
         let error = Self::POSITION_ERROR * reach;
         let mut ray = Self {
@@ -146,6 +149,89 @@ impl SingleRay {
         let inverse = ray.inverse[z];
         ray.shear = [d[axes[0]] * inverse, d[axes[1]] * inverse, inverse];
         ray
+    }
+}
+
+/// Sixteen rays, each prepared as a [`SingleRay`] is, to the bit.
+pub(crate) struct Rays {
+    o: [[f32; 16]; 3],
+    d: [[f32; 16]; 3],
+    inverse: [[f32; 16]; 3],
+    near: [[f32; 16]; 3],
+    inverse_far: [[f32; 16]; 3],
+    far: [[f32; 16]; 3],
+    shear: [[f32; 16]; 3],
+    /// Bit i: lane i goes down that axis.
+    down: [u32; 3],
+    /// Bit i: the largest component of lane i's direction is x; y.
+    along: [u32; 2],
+}
+
+impl Rays {
+    /// Rays that [`SingleRay::usual`] is right for, with their sizes.
+    #[inline(always)]
+    pub fn new(o: [F32x16; 3], d: [F32x16; 3], largest: F32x16, reach: F32x16) -> Self {
+        let nothing = [[0.0; 16]; 3];
+        let mut rays = Self {
+            o: nothing,
+            d: nothing,
+            inverse: nothing,
+            near: nothing,
+            inverse_far: nothing,
+            far: nothing,
+            shear: nothing,
+            down: [0; 3],
+            along: [0; 2],
+        };
+        let size = [d[0].abs(), d[1].abs(), d[2].abs()];
+        let least = largest * SingleRay::FLAT;
+        let error = reach * SingleRay::POSITION_ERROR;
+        let sign_bit = Index16::splat(0x8000_0000);
+        let mut signed = [F32x16::zero(); 3];
+        for k in 0..3 {
+            let inverse = F32x16::one() / F32x16::select(size[k].gt(least), size[k], least);
+            signed[k] = inverse.copy_sign(d[k]);
+            let center = -(o[k] * signed[k]);
+            o[k].store(&mut rays.o[k]);
+            d[k].store(&mut rays.d[k]);
+            signed[k].store(&mut rays.inverse[k]);
+            (center - error * inverse).store(&mut rays.near[k]);
+            (signed[k] * ONE_PLUS).store(&mut rays.inverse_far[k]);
+            ((center + error * inverse) * ONE_PLUS).store(&mut rays.far[k]);
+            rays.down[k] = (d[k].to_bits() & sign_bit).eq(sign_bit).bits();
+        }
+        let along_x = size[0].eq(largest);
+        let along_y = size[1].eq(largest).and_not(along_x);
+        let choose = |x, y, z| F32x16::select(along_x, x, F32x16::select(along_y, y, z));
+        let inverse = choose(signed[0], signed[1], signed[2]);
+        (choose(d[1], d[2], d[0]) * inverse).store(&mut rays.shear[0]);
+        (choose(d[2], d[0], d[1]) * inverse).store(&mut rays.shear[1]);
+        inverse.store(&mut rays.shear[2]);
+        rays.along = [along_x.bits(), along_y.bits()];
+        rays
+    }
+
+    /// One of them.
+    #[inline(always)]
+    pub fn lane(&self, i: usize) -> SingleRay {
+        let i = i % 16;
+        let bit = |bits: u32| (bits >> i & 1) as usize;
+        let of = |x: &[[f32; 16]; 3]| [x[0][i], x[1][i], x[2][i]];
+        let axes = AXES[[2, 0, 1, 0][bit(self.along[0]) | bit(self.along[1]) << 1]];
+        let o = of(&self.o);
+        SingleRay {
+            o,
+            d: of(&self.d),
+            inverse: of(&self.inverse),
+            near: of(&self.near),
+            inverse_far: of(&self.inverse_far),
+            far: of(&self.far),
+            near_plane: [bit(self.down[0]), 2 + bit(self.down[1]), 4 + bit(self.down[2])],
+            axes,
+            origin: [o[axes[0]], o[axes[1]], o[axes[2]]],
+            shear: of(&self.shear),
+            huge: false,
+        }
     }
 }
 
