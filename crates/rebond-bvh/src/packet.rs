@@ -8,12 +8,10 @@ use crate::ray::{Best, SingleRay};
 use crate::shape::Shape;
 use crate::simd::Simd;
 use crate::single::{self, STACK, Shapes, Solid};
-use crate::tree::{FEW_CORNERS, FewTriangle, Tree};
+use crate::tree::{FEW_CORNERS, Pair, Tree};
 use crate::{Filter, Hit, MISS, Ray};
 use rebond_lanes::{F32x16, Index, Index16, Mask, Mask16, Real};
 use std::mem::MaybeUninit;
-
-const INFINITY: u32 = f32::INFINITY.to_bits();
 
 /// With fewer rays than this in a subtree, each goes on by itself.
 const TOGETHER: u32 = 4;
@@ -61,13 +59,6 @@ impl Bests {
         let primitive = self.primitive.lane(lane);
         let instance = if primitive == MISS { MISS } else { instance };
         Best { t: self.t.lane(lane), u: self.u.lane(lane), v: self.v.lane(lane), primitive, instance }
-    }
-    #[inline(always)]
-    fn keep(&mut self, hit: Mask16, found: &Candidates, primitive: u32) {
-        self.t = F32x16::select(hit, found.t, self.t);
-        self.u = F32x16::select(hit, found.u, self.u);
-        self.v = F32x16::select(hit, found.v, self.v);
-        self.primitive = Index16::select(hit, Index16::splat(primitive), self.primitive);
     }
     fn set(&mut self, lane: usize, best: &Best) {
         self.t = self.t.with_lane(lane, best.t);
@@ -175,16 +166,9 @@ impl<'a> Packet<'a> {
     /// The edge functions of a triangle, given its corners in the rays' frames; none if no lane passes inside.
     #[inline(always)]
     fn edges([a, b, c]: [[F32x16; 3]; 3], active: Mask16) -> Option<Edges> {
-        let u = c[0] * b[1] - c[1] * b[0];
-        let v = a[0] * c[1] - a[1] * c[0];
-        let w = b[0] * a[1] - b[1] * a[0];
-        // Negative if and only if the two are of different sign: the product may vanish, not change sign.
-        let product = u.min(v).min(w) * u.max(v).max(w);
-        let inside = active & product.ge(F32x16::zero());
-        if inside.none() {
-            return None;
-        }
-        Some(Edges { u, v, w, inside, doubtful: inside & product.le(F32x16::zero()) })
+        let (u, v, w) = (edge(c, b), edge(a, c), edge(b, a));
+        let (inside, doubtful) = sides(u, v, w, active);
+        if inside.none() { None } else { Some(Edges { u, v, w, inside, doubtful }) }
     }
 
     /// The lanes that hit a triangle, given its corners in the rays' frames, at 0 < t.
@@ -197,18 +181,6 @@ impl<'a> Packet<'a> {
         let t = z * self.shear[2] * inverse;
         let hit = inside.and_not(doubtful) & F32x16::zero().lt(t);
         Some(Candidates { hit, doubtful, t, u: v * inverse, v: w * inverse })
-    }
-
-    /// The lanes that a triangle stops before `limit`, and those in doubt. As [`Packet::triangle`], without its division.
-    #[inline(always)]
-    fn stopped(&self, [a, b, c]: [[F32x16; 3]; 3], active: Mask16, limit: F32x16) -> Option<(Mask16, Mask16)> {
-        let Edges { u, v, w, inside, doubtful } = Self::edges([a, b, c], active)?;
-        let determinant = u + v + w;
-        let z = (u * a[2] + v * b[2] + w * c[2]) * self.shear[2];
-        let sign = determinant.to_bits() & Index16::splat(0x8000_0000);
-        let z = F32x16::from_bits(z.to_bits() ^ sign);
-        let hit = inside.and_not(doubtful) & F32x16::zero().lt(z) & z.le(determinant.abs() * limit);
-        Some((hit, doubtful))
     }
 
     /// Keeps what `filter` keeps.
@@ -236,7 +208,10 @@ impl<'a> Packet<'a> {
             let number = Index16::splat(primitive);
             let nearer = found.t.lt(best.t) | (found.t.eq(best.t) & number.lt(best.primitive));
             let hit = Self::filtered(&found, found.hit & nearer, primitive, instance, filter);
-            best.keep(hit, &found, primitive);
+            best.t = F32x16::select(hit, found.t, best.t);
+            best.u = F32x16::select(hit, found.u, best.u);
+            best.v = F32x16::select(hit, found.v, best.v);
+            best.primitive = Index16::select(hit, number, best.primitive);
         }
     }
 
@@ -289,6 +264,21 @@ impl<'a> Packet<'a> {
     }
 }
 
+/// On which side of the edge from `p` to `q` the rays pass: positive, negative, or exactly through it.
+#[inline(always)]
+fn edge(p: [F32x16; 3], q: [F32x16; 3]) -> F32x16 {
+    p[0] * q[1] - p[1] * q[0]
+}
+
+/// The lanes that pass three edges all on one side, and those of them where an edge function is zero.
+#[inline(always)]
+fn sides(u: F32x16, v: F32x16, w: F32x16, active: Mask16) -> (Mask16, Mask16) {
+    // Negative if and only if the two are of different sign: the product may vanish, not change sign.
+    let product = u.min(v).min(w) * u.max(v).max(w);
+    let inside = active & product.ge(F32x16::zero());
+    (inside, inside & product.le(F32x16::zero()))
+}
+
 /// The set lanes.
 #[inline(always)]
 fn lanes(mask: Mask16) -> impl Iterator<Item = usize> {
@@ -324,18 +314,61 @@ impl Sheared {
         }
     }
 
-    /// The corners of a triangle of the tree that this was filled with.
+    /// The lanes whose lines go through a pair of triangles of the tree that this was filled with; none if none do.
     ///
     /// # Safety
-    /// It is one of that tree's own.
+    /// The pair is one of that tree's own.
     #[inline(always)]
-    unsafe fn of(&self, triangle: &FewTriangle) -> [[F32x16; 3]; 3] {
-        let at = |i: u32, k: usize| {
+    unsafe fn crossing(&self, pair: &Pair, active: Mask16) -> Option<Crossing> {
+        let at = |corner: usize, k: usize| {
             // SAFETY: the numbers are those of corners of the tree, times three, and `fill` wrote all of these.
-            unsafe { self.corners.get_unchecked(i as usize + k).assume_init() }
+            unsafe { self.corners.get_unchecked(pair.corners[corner] as usize + k).assume_init() }
         };
-        let [a, b, c] = triangle.corners;
-        [[at(a, 0), at(a, 1), at(a, 2)], [at(b, 0), at(b, 1), at(b, 2)], [at(c, 0), at(c, 1), at(c, 2)]]
+        let corner = |i: usize| [at(i, 0), at(i, 1), at(i, 2)];
+        let (a, b, c, d) = (corner(0), corner(1), corner(2), corner(3));
+        // The triangles a b c and a c d; the same edge functions as if each stood alone.
+        let (u, v, w) = (edge(c, b), edge(a, c), edge(b, a));
+        let (u2, v2, w2) = (edge(d, c), edge(a, d), -v);
+        let (first, doubtful) = sides(u, v, w, active);
+        let (second, also_doubtful) = sides(u2, v2, w2, active);
+        let either = first | second;
+        if either.none() {
+            return None;
+        }
+        // A line through both is in doubt too.
+        let doubtful = doubtful | also_doubtful | (first & second);
+        let choose = |x, y| F32x16::select(second, y, x);
+        let (u, v, w) = (choose(u, u2), choose(v, v2), choose(w, w2));
+        let z = u * a[2] + v * choose(b[2], c[2]) + w * choose(c[2], d[2]);
+        Some(Crossing { inside: either.and_not(doubtful), doubtful, second, v, w, z, determinant: u + v + w })
+    }
+}
+
+/// What the lines of the rays say to a pair of triangles.
+struct Crossing {
+    /// The lanes that go through one of the two, and those that had better go by themselves.
+    inside: Mask16,
+    doubtful: Mask16,
+    /// The lanes that go through the second one.
+    second: Mask16,
+    v: F32x16,
+    w: F32x16,
+    /// Over the determinant, the distance along the rays' largest axes.
+    z: F32x16,
+    determinant: F32x16,
+}
+
+impl Crossing {
+    /// What `filter` keeps of `hit`.
+    #[inline(always)]
+    fn filtered<K: Filter>(&self, hit: Mask16, pair: &Pair, instance: u32, filter: &K) -> Mask16 {
+        if K::KEEPS_ALL {
+            return hit;
+        }
+        let (u, v, second) = (self.v / self.determinant, self.w / self.determinant, self.second.bits());
+        let kept = lanes(hit)
+            .filter(|&i| filter.keep(pair.primitives[(second >> i & 1) as usize], instance, u.lane(i), v.lane(i)));
+        Mask16::from_bits(kept.fold(0, |bits, i| bits | 1 << i))
     }
 }
 
@@ -348,22 +381,25 @@ pub(crate) fn scan_closest<K: Filter>(
     instance: u32,
     filter: &K,
 ) -> Bests {
-    let tmax = packet.ray.tmax;
     let mut sheared = Sheared::nothing();
     sheared.fill(tree, packet);
-    // Of two hits at the same distance the first one stays, so that a hit must come before what there is: at the end
-    // of the ray still, therefore before the next number.
-    let mut best = Bests::up_to(F32x16::from_bits((tmax.to_bits() + Index16::splat(1)).min(Index16::splat(INFINITY))));
-    for triangle in tree.triangles() {
-        let primitive = triangle.primitive;
-        // SAFETY: the triangle is the tree's own.
-        if let Some(found) = packet.triangle(unsafe { sheared.of(triangle) }, active) {
-            let hit = Packet::filtered(&found, found.hit & found.t.lt(best.t), primitive, instance, filter);
-            best.keep(hit, &found, primitive);
-            best.again = best.again | found.doubtful;
-        }
+    let mut best = Bests::up_to(packet.ray.tmax);
+    for pair in tree.pairs() {
+        // SAFETY: the pair is the tree's own.
+        let Some(found) = (unsafe { sheared.crossing(pair, active) }) else { continue };
+        let inverse = F32x16::one() / found.determinant;
+        let t = found.z * packet.shear[2] * inverse;
+        let [first, second] = pair.primitives.map(Index16::splat);
+        let number = Index16::select(found.second, second, first);
+        let nearer = t.lt(best.t) | (t.eq(best.t) & number.lt(best.primitive));
+        let hit = found.inside & F32x16::zero().lt(t) & nearer;
+        let hit = found.filtered(hit, pair, instance, filter);
+        best.t = F32x16::select(hit, t, best.t);
+        best.u = F32x16::select(hit, found.v * inverse, best.u);
+        best.v = F32x16::select(hit, found.w * inverse, best.v);
+        best.primitive = Index16::select(hit, number, best.primitive);
+        best.again = best.again | found.doubtful;
     }
-    best.t = F32x16::select(best.primitive.eq(Index16::splat(MISS)), tmax, best.t);
     // Another variable, because the loop above must keep its own in registers.
     let mut all = best;
     for shape in tree.shapes() {
@@ -392,23 +428,17 @@ pub(crate) fn scan_occluded<K: Filter>(
     let mut again = Mask16::splat(false);
     let mut sheared = Sheared::nothing();
     sheared.fill(tree, packet);
-    for triangle in tree.triangles() {
-        let primitive = triangle.primitive;
-        // SAFETY: the triangle is the tree's own.
-        let corners = unsafe { sheared.of(triangle) };
-        let hit = if K::KEEPS_ALL {
-            packet.stopped(corners, left, tmax)
-        } else {
-            packet.triangle(corners, left).map(|found| {
-                (Packet::filtered(&found, found.hit & found.t.le(tmax), primitive, instance, filter), found.doubtful)
-            })
-        };
-        if let Some((hit, doubtful)) = hit {
-            again = again | doubtful;
-            left = left.and_not(hit);
-            if left.none() {
-                return Stopped { hit: active, again: left };
-            }
+    for pair in tree.pairs() {
+        // SAFETY: the pair is the tree's own.
+        let Some(found) = (unsafe { sheared.crossing(pair, left) }) else { continue };
+        // 0 < z / determinant ≤ tmax, without the division.
+        let sign = found.determinant.to_bits() & Index16::splat(0x8000_0000);
+        let z = F32x16::from_bits((found.z * packet.shear[2]).to_bits() ^ sign);
+        let hit = found.inside & F32x16::zero().lt(z) & z.le(found.determinant.abs() * tmax);
+        left = left.and_not(found.filtered(hit, pair, instance, filter));
+        again = again | found.doubtful;
+        if left.none() {
+            return Stopped { hit: active, again: left };
         }
     }
     for shape in tree.shapes() {

@@ -17,8 +17,8 @@ pub(crate) struct Tree {
     blocks: Vec<Block>,
     shapes: Vec<Shape>,
     root: Option<Child>,
-    /// All triangles again, by number, if they are few; and the corners they share.
-    triangles: Vec<FewTriangle>,
+    /// All triangles again if they are few, in pairs where that can be; and the corners they share.
+    pairs: Vec<Pair>,
     corners: Vec<[f32; 3]>,
     /// Bounds of everything; lower above upper if there is nothing.
     pub bounds: ([f32; 3], [f32; 3]),
@@ -30,12 +30,13 @@ pub(crate) struct Tree {
 
 pub(crate) const NO_BOUNDS: ([f32; 3], [f32; 3]) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
 
-/// One of few triangles.
+/// One of few triangles, a b c; or two of them that share an edge, a b c and a c d.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct FewTriangle {
-    /// Three times the places of its corners among those of the tree, which are at most [`FEW_CORNERS`].
-    pub corners: [u32; 3],
-    pub primitive: u32,
+pub(crate) struct Pair {
+    /// Three times the places of a, b, c and d among the corners of the tree, which are at most [`FEW_CORNERS`]. For
+    /// one triangle d is c, and the second is never hit.
+    pub corners: [u32; 4],
+    pub primitives: [u32; 2],
 }
 
 /// Up to so many triangles and shapes, sixteen rays look at all of them.
@@ -57,7 +58,7 @@ impl Tree {
             blocks: Vec::new(),
             shapes: Vec::new(),
             root: None,
-            triangles: Vec::new(),
+            pairs: Vec::new(),
             corners: Vec::new(),
             bounds: NO_BOUNDS,
             extent: 0.0,
@@ -103,9 +104,8 @@ impl Tree {
             return None;
         }
         let extent = bounds.0.iter().chain(&bounds.1).fold(0.0, |m: f32, x| m.max(x.abs()));
-        let (triangles, corners) = few(&blocks, &shapes);
-        let mut tree =
-            Self { nodes, blocks, shapes, root: Some(root), triangles, corners, bounds, extent, large: false };
+        let (pairs, corners) = few(&blocks, &shapes);
+        let mut tree = Self { nodes, blocks, shapes, root: Some(root), pairs, corners, bounds, extent, large: false };
         tree.large = tree.bytes() > LARGE;
         Some(tree)
     }
@@ -114,8 +114,8 @@ impl Tree {
         size_of_val(&*self.nodes) + size_of_val(&*self.blocks) + size_of_val(&*self.shapes)
     }
     /// All triangles, if every primitive is either one of these or one of the few shapes.
-    pub fn triangles(&self) -> &[FewTriangle] {
-        &self.triangles
+    pub fn pairs(&self) -> &[Pair] {
+        &self.pairs
     }
     /// Their corners, at most [`FEW_CORNERS`].
     pub fn corners(&self) -> &[[f32; 3]] {
@@ -123,7 +123,7 @@ impl Tree {
     }
     /// Whether sixteen rays had better look at everything.
     pub fn is_tiny(&self) -> bool {
-        self.shapes.len() <= FEW_SHAPES && (self.blocks.is_empty() || !self.triangles.is_empty())
+        self.shapes.len() <= FEW_SHAPES && (self.blocks.is_empty() || !self.pairs.is_empty())
     }
     /// Whether sixteen rays had better stay together even if they go different ways.
     pub fn is_small(&self) -> bool {
@@ -163,7 +163,7 @@ impl Tree {
 }
 
 /// All triangles and their corners, each once, if there are few of them.
-fn few(blocks: &[Block], shapes: &[Shape]) -> (Vec<FewTriangle>, Vec<[f32; 3]>) {
+fn few(blocks: &[Block], shapes: &[Shape]) -> (Vec<Pair>, Vec<[f32; 3]>) {
     let none = (Vec::new(), Vec::new());
     if blocks.len() > FEW || shapes.len() > FEW_SHAPES {
         return none;
@@ -184,6 +184,39 @@ fn few(blocks: &[Block], shapes: &[Shape]) -> (Vec<FewTriangle>, Vec<[f32; 3]>) 
     if triangles.len() > FEW || corners.len() > FEW_CORNERS {
         return none;
     }
-    let few = |(c, primitive): ([usize; 3], u32)| FewTriangle { corners: c.map(|i| 3 * i as u32), primitive };
-    (triangles.into_iter().map(few).collect(), corners)
+    // The halves of a flat quadrilateral face the same way; of others a ray may meet both.
+    let is_flat = |a: &[usize; 3], b: &[usize; 3]| {
+        let (m, n) = (normal(a.map(|i| corners[i])), normal(b.map(|i| corners[i])));
+        let dot = |p: &[f64; 3], q: &[f64; 3]| p.iter().zip(q).map(|(x, y)| x * y).sum::<f64>();
+        dot(&m, &n) > 0.999 * (dot(&m, &m) * dot(&n, &n)).sqrt()
+    };
+    let mut pairs: Vec<Pair> = Vec::new();
+    let mut taken = vec![false; triangles.len()];
+    for (i, (a, primitive)) in triangles.iter().enumerate() {
+        if taken[i] {
+            continue;
+        }
+        let other = triangles
+            .iter()
+            .enumerate()
+            .skip(i + 1)
+            .find(|(j, (b, _))| !taken[*j] && (b[0], b[1]) == (a[0], a[2]) && is_flat(a, b));
+        let (d, second) = match other {
+            Some((j, (b, second))) => {
+                taken[j] = true;
+                (b[2], *second)
+            }
+            None => (a[2], *primitive),
+        };
+        let corners = [a[0], a[1], a[2], d].map(|place| 3 * place as u32);
+        pairs.push(Pair { corners, primitives: [*primitive, second] });
+    }
+    (pairs, corners)
+}
+
+/// A normal of a triangle, not of unit length.
+fn normal([p, q, r]: [[f32; 3]; 3]) -> [f64; 3] {
+    let from_p = |x: [f32; 3]| std::array::from_fn::<_, 3, _>(|k| f64::from(x[k]) - f64::from(p[k]));
+    let (a, b) = (from_p(q), from_p(r));
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
