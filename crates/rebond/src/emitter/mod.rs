@@ -306,6 +306,11 @@ impl Emitters {
 
     #[inline(always)]
     fn record<F: Real>(&self, emitter: F::Index, number: u32) -> [F; 4] {
+        // All lanes of a scene with one emitter read the same.
+        if self.table.len() == RECORDS as usize {
+            let Record([a, b, c, d]) = self.table[number as usize];
+            return [F::splat(a), F::splat(b), F::splat(c), F::splat(d)];
+        }
         F::record(&self.table, emitter * F::Index::splat(RECORDS) + F::Index::splat(number))
     }
 

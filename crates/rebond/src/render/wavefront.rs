@@ -93,19 +93,18 @@ impl<'a, S: Shade> Worker<'a, S> {
     /// Adds the paths of these lanes to their pixels.
     #[inline(always)]
     fn finish(&mut self, path: &PathState<F32x16>, mut lanes: u32) {
-        let mut columns = [[0.0; LANES]; 4];
-        let radiance = path.radiance();
-        for (column, x) in columns.iter_mut().zip([radiance.r, radiance.g, radiance.b, Real::from_bits(path.slot)]) {
-            x.store(column);
-        }
+        let [mut r, mut g, mut b, mut slot] = [[0.0; LANES]; 4];
+        path.lr.store(&mut r);
+        path.lg.store(&mut g);
+        path.lb.store(&mut b);
+        F32x16::from_bits(path.slot).store(&mut slot);
         while lanes != 0 {
             let lane = lanes.trailing_zeros() as usize % LANES;
             lanes &= lanes - 1;
-            let [r, g, b, slot] = columns.map(|column| column[lane]);
-            let slot = slot.to_bits() as usize;
+            let slot = slot[lane].to_bits() as usize;
             let place = &mut self.open[slot / TILE];
             let open = place.as_mut().expect("paths of an open tile");
-            open.pixels[slot % TILE].add([r, g, b]);
+            open.pixels[slot % TILE].add([r[lane], g[lane], b[lane]]);
             open.left -= 1;
             if open.left == 0 {
                 self.tiles.done(&open.tile, &open.pixels, std::mem::take(&mut self.rays));
