@@ -5,7 +5,7 @@ use rebond::film::{Film, Image};
 use rebond::integrators::IntegratorSettings;
 use rebond::render::{Budget, Engine, Pass, Region, render};
 use rebond::sampling::{Sampler, SamplerSettings};
-use rebond_io::{BUILT_IN_SCENES, SceneFiles, SceneSource, from_settings};
+use rebond_io::{BUILT_IN_SCENES, BuiltIn, SceneFiles, SceneSource, from_settings};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 use std::sync::Mutex;
 
@@ -162,9 +162,9 @@ fn a_window_of_index_one_changes_nothing() {
 /// The same bits for any number of threads.
 #[test]
 fn threads_do_not_show() {
-    for name in ["cornell-box", "point-lights", "sky"] {
+    for BuiltIn { name, .. } in BUILT_IN_SCENES {
         for engine in [Engine::Wavefront, Engine::Scalar] {
-            let source = small(name, [60, 44]);
+            let source = small(name, [36, 20]);
             let films: Vec<Film> = [1, 2, 5]
                 .iter()
                 .map(|t| film(&source, "path", &Job { engine, threads: *t, ..Job::default() }))
@@ -236,6 +236,7 @@ fn engines_agree_on_every_scene() {
             let first = Estimate { mean: &x.mean, variance: &x.variance, samples: &x.samples };
             let second = Estimate { mean: &y.mean, variance: &y.variance, samples: &y.samples };
             let w = welch(first, second, 48, 48, 8, LEVEL / 24.0).expect("a test");
+            assert!(w.tested > 0);
             assert!(
                 w.passes(),
                 "{}, channel {c}: {} of {} blocks, p {}",
@@ -251,7 +252,7 @@ fn engines_agree_on_every_scene() {
 /// Given the same samples, the engines trace the same paths: pixels agree but for rounding in the ray kernels.
 #[test]
 fn engines_draw_the_same_numbers() {
-    for name in ["cornell-box", "furnace", "veach-mis", "glossy-spheres"] {
+    for BuiltIn { name, .. } in BUILT_IN_SCENES {
         let source = small(name, [40, 40]);
         let one = |engine| film(&source, "path:max_depth=6", &Job { engine, samples: 0..4, ..Job::default() });
         let (a, b) = (one(Engine::Scalar), one(Engine::Wavefront));
@@ -276,7 +277,7 @@ fn samplers_agree() {
         let first = Estimate { mean: &reference.mean, variance: &reference.variance, samples: &reference.samples };
         let second = Estimate { mean: &other.mean, variance: &other.variance, samples: &other.samples };
         let w = welch(first, second, 48, 48, 8, LEVEL).expect("a test");
-        assert!(w.passes(), "{sampler:?}: {} of {}", w.significant, w.tested);
+        assert!(w.tested > 0 && w.passes(), "{sampler:?}: {} of {}", w.significant, w.tested);
     }
 }
 
@@ -295,7 +296,7 @@ fn lights_shine_to_one_side() {
                     let text = format!(
                         r#"
                         film = {{ width = 8, height = 8, filter = {{ type = "box" }} }}
-                        camera = {{ type = "orthographic", to_world = [{{ scale = 0.05 }}, {{ look_at = {{ origin = [4, 0, 0], target = [0, 0, {z}], up = [0, 1, 0] }} }}] }}
+                        camera = {{ type = "orthographic", to_world = [{{ scale = 0.002 }}, {{ look_at = {{ origin = [4, 0, 0], target = [0, 0, {z}], up = [0, 1, 0] }} }}] }}
                         [[shapes]]
                         type = "{shape}"
                         emission = 10
@@ -320,9 +321,8 @@ fn lights_shine_to_one_side() {
                     4.0 * 2.0 * x / root * (x / root).atan() / std::f64::consts::TAU
                 };
                 let (mean, p) = t_test(&lit, 10.0 * 0.5 * form_factor);
-                // The patch that is seen is a hundredth as wide as it is far.
-                let near = (mean / (5.0 * form_factor) - 1.0).abs() < 1e-3;
-                assert!(p > LEVEL || near, "{shape}, flip {flip}, scale {scale}: {mean}, p {p}");
+                // Twenty tests; the patch that is seen is so small that the closed form holds all over it.
+                assert!(p > LEVEL / 20.0, "{shape}, flip {flip}, scale {scale}: {mean}, p {p}");
             }
         }
     }
