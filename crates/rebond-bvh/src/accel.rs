@@ -185,7 +185,7 @@ impl Accel {
         <F as Query>::closest(self, ray, mask, coherent, &Everything)
     }
 
-    /// Which lanes of `mask` hit anything.
+    /// Which lanes of `mask` hit anything. Whether something within rounding of `tmax` counts is left open.
     #[inline]
     pub fn occluded<F: Trace>(&self, ray: &Ray<F>, mask: F::Mask) -> F::Mask {
         <F as Query>::occluded(self, ray, mask, &Everything)

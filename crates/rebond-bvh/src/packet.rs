@@ -1,7 +1,8 @@
 //! Sixteen rays at once: through the tree as long as enough of them stay together, or straight over all triangles.
 //!
 //! Whatever the path, a ray meets a triangle by the same arithmetic as in triangle.rs, to the bit; only the order of
-//! the axes across the ray may differ, which changes no more than the sign that all edge functions share.
+//! the axes across the ray may differ, which changes no more than the sign that all edge functions share. One thing is
+//! free: whether a hit within rounding of the end of the ray still stops it ([`scan_occluded`] does not divide).
 
 use crate::node::{Child, Node, ONE_PLUS, Target};
 use crate::ray::{Best, SingleRay};
@@ -365,7 +366,8 @@ impl Crossing {
         if K::KEEPS_ALL {
             return hit;
         }
-        let (u, v, second) = (self.v / self.determinant, self.w / self.determinant, self.second.bits());
+        let inverse = F32x16::one() / self.determinant;
+        let (u, v, second) = (self.v * inverse, self.w * inverse, self.second.bits());
         let kept = lanes(hit)
             .filter(|&i| filter.keep(pair.primitives[(second >> i & 1) as usize], instance, u.lane(i), v.lane(i)));
         Mask16::from_bits(kept.fold(0, |bits, i| bits | 1 << i))

@@ -301,7 +301,7 @@ fn unusual<S: Simd, K: Filter>(
     let mut scaled = *best;
     scaled.t = (f64::from(best.t) / scale) as f32;
     let before = (scaled.t, scaled.primitive, scaled.instance);
-    if ray.huge {
+    if ray.in_f64 {
         tree.scan(&ray, instance, filter, shapes, &mut scaled);
     } else {
         single::closest::<S, false, K>(tree, root, &ray, instance, filter, shapes, &mut scaled);

@@ -30,15 +30,16 @@ pub(crate) struct SingleRay {
     pub origin: [f32; 3],
     /// d[axes[0]] / d[axes[2]], d[axes[1]] / d[axes[2]], 1 / d[axes[2]].
     pub shear: [f32; 3],
-    /// The ray is too far out for the boxes' arithmetic: look at every primitive, in f64.
-    pub huge: bool,
+    /// The scene is too large or too small for f32's products: look at every primitive, in f64.
+    pub in_f64: bool,
 }
 
 /// The axes across a ray and the one along it, by the number of the latter.
 const AXES: [[usize; 3]; 3] = [[1, 2, 0], [2, 0, 1], [0, 1, 2]];
 
-/// Beyond this, products of coordinates and inverse directions could overflow.
-const HUGE: f32 = (1_u64 << 60) as f32;
+/// Beyond these, products of three coordinates and an inverse direction could overflow or vanish.
+const HUGE: f32 = (1_u64 << 34) as f32;
+const TINY: f32 = 1.0 / (1_u64 << 30) as f32;
 /// Largest components of d that need no scaling lie between 1/this and this.
 const FAR: f32 = (1_u64 << 20) as f32;
 
@@ -72,6 +73,7 @@ impl SingleRay {
         let fit = largest.le(F::splat(FAR))
             & largest.ge(F::splat(1.0 / FAR))
             & reach.le(F::splat(HUGE))
+            & reach.ge(F::splat(TINY))
             & sum.lt(F::splat(f32::INFINITY));
         (fit, largest, reach)
     }
@@ -105,11 +107,11 @@ impl SingleRay {
         let size = d.map(f32::abs);
         let largest = size[0].max(size[1]).max(size[2]);
         let reach = o.iter().fold(extent, |m, x| m + x.abs());
-        Some((Self::prepared(o, d, size, largest, reach, !(reach <= HUGE)), scale))
+        Some((Self::prepared(o, d, size, largest, reach, !(TINY..=HUGE).contains(&reach)), scale))
     }
 
     #[inline(always)]
-    fn prepared(o: [f32; 3], d: [f32; 3], size: [f32; 3], largest: f32, reach: f32, huge: bool) -> Self {
+    fn prepared(o: [f32; 3], d: [f32; 3], size: [f32; 3], largest: f32, reach: f32, in_f64: bool) -> Self {
         let z = if size[0] == largest {
             0
         } else if size[1] == largest {
@@ -131,7 +133,7 @@ impl SingleRay {
             axes,
             origin: axes.map(|k| o[k]),
             shear: [0.0; 3],
-            huge,
+            in_f64,
         };
         for k in 0..3 {
             let sign = d[k].to_bits() & 0x8000_0000;
@@ -230,7 +232,7 @@ impl Rays {
             axes,
             origin: [o[axes[0]], o[axes[1]], o[axes[2]]],
             shear: of(&self.shear),
-            huge: false,
+            in_f64: false,
         }
     }
 }

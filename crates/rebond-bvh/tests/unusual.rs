@@ -123,6 +123,50 @@ fn rays_that_are_not_numbers_miss() {
     }
 }
 
+/// From the inside of a closed box nothing escapes and distances are right, whatever the units of the scene and of the
+/// rays' directions, for one ray and for sixteen, in trees of any size.
+#[test]
+fn every_scale() {
+    for n in [1, 8] {
+        for power in -20..=20 {
+            let s = 10.0_f32.powi(power);
+            let mesh = room(n, [-s; 3], [s; 3]);
+            let accel = accel(&mesh, Preset::Fast);
+            let mut random = Random::new(7);
+            for size in [1.0, 1e5, 1e-5_f32] {
+                let rays: Vec<_> = (0..16)
+                    .map(|_| {
+                        let o = random.point([-0.7 * s; 3], [0.7 * s; 3]);
+                        ray(o, random.direction().map(|x| x * size))
+                    })
+                    .collect();
+                let lanes =
+                    |f: &dyn Fn(&Ray<f32>) -> f32| F32x16::load(&std::array::from_fn::<f32, 16, _>(|i| f(&rays[i])));
+                let wide = Ray {
+                    o: std::array::from_fn(|k| lanes(&|r| r.o[k])),
+                    d: std::array::from_fn(|k| lanes(&|r| r.d[k])),
+                    tmax: lanes(&|r| r.tmax),
+                    time: lanes(&|r| r.time),
+                };
+                let all = <F32x16 as Real>::Mask::splat(true);
+                let packets = [true, false].map(|coherent| accel.closest(&wide, all, coherent));
+                assert!(accel.occluded(&wide, all).all(), "{n} {s} {size}");
+                for (i, ray) in rays.iter().enumerate() {
+                    let wall = |k: usize| {
+                        (f64::from(s).copysign(f64::from(ray.d[k])) - f64::from(ray.o[k])) / f64::from(ray.d[k])
+                    };
+                    let expected = wall(0).min(wall(1)).min(wall(2));
+                    let one = closest(&accel, ray).map_or(f32::NAN, |hit| hit.1);
+                    for t in [one, packets[0].t.lane(i), packets[1].t.lane(i)] {
+                        assert!((f64::from(t) / expected - 1.0).abs() < 1e-5, "{n} {s} {size}: {t} for {expected}");
+                    }
+                    assert!(accel.occluded(ray, true), "{n} {s} {size}");
+                }
+            }
+        }
+    }
+}
+
 #[test]
 fn vast_scenes() {
     let mesh = moved(blob(4, 0.0), [1e30; 3], [0.0; 3]);

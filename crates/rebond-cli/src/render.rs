@@ -77,7 +77,8 @@ enum TonemapName {
 }
 
 fn duration(text: &str) -> Result<Duration, String> {
-    let (number, unit) = text.split_at(text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len()));
+    // From the back, so that the e of an exponent is not taken for a unit.
+    let (number, unit) = text.split_at(text.trim_end_matches(|c: char| c.is_ascii_alphabetic()).len());
     let factor = match unit {
         "ms" => 1e-3,
         "s" | "" => 1.0,

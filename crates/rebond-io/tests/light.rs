@@ -266,6 +266,38 @@ fn engines_draw_the_same_numbers() {
     }
 }
 
+/// A scene does not know its units: a lamp over a floor looks the same in nanometres and in light years.
+#[test]
+fn units_do_not_show() {
+    let mean = |s: f64| {
+        let text = format!(
+            r#"
+            film = {{ width = 16, height = 16 }}
+            camera = {{ type = "perspective", fov = 50, to_world.look_at = {{ origin = [0, {y}, {z}], target = [0, 0, 0], up = [0, 1, 0] }} }}
+            [[shapes]]
+            type = "rectangle"
+            material = {{ type = "diffuse", reflectance = 0.5 }}
+            to_world = [{{ rotate = {{ axis = [1, 0, 0], angle = -90 }} }}, {{ scale = {s} }}]
+            [[shapes]]
+            type = "rectangle"
+            emission = 10
+            material = {{ type = "diffuse", reflectance = 0.2 }}
+            to_world = [{{ rotate = {{ axis = [1, 0, 0], angle = 90 }} }}, {{ scale = {lamp} }}, {{ translate = [0, {s}, 0] }}]
+            "#,
+            y = 0.5 * s,
+            z = 3.0 * s,
+            lamp = 0.3 * s,
+        );
+        film(&parse(&text), "path", &Job { samples: 0..64, ..Job::default() }).mean()[1]
+    };
+    let one = mean(1.0);
+    assert!(one > 0.05);
+    for s in [1e-9, 1e-6, 1e-3, 1e3, 1e7, 1e10, 1e13, 1e16] {
+        let other = mean(s);
+        assert!((other / one - 1.0).abs() < 2e-3, "in units of {s}: {other} for {one}");
+    }
+}
+
 /// Every sampler gives the same picture.
 #[test]
 fn samplers_agree() {

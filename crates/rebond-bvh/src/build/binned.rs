@@ -178,9 +178,9 @@ pub(crate) struct Grid {
 
 impl Grid {
     pub fn new(centers: &Bounds, n: usize) -> Self {
-        let bins = if n <= 24 {
+        let bins = if n <= 32 {
             8
-        } else if n <= 128 {
+        } else if n <= 512 {
             16
         } else {
             BINS
@@ -268,11 +268,11 @@ impl<const N: usize> Bins<N> {
                 bounds = bounds.or(&self.bounds[axis][i - 1]);
                 count += self.counts[axis][i - 1];
                 let (right_area, right_count) = right[i];
-                if count == 0 || right_count == 0 {
-                    continue;
-                }
                 let cost = bounds.area() * count as f32 + right_area * right_count as f32;
-                if best.is_none_or(|b| cost < b.cost) {
+                let cost = if count == 0 || right_count == 0 { f32::NAN } else { cost };
+                // Areas beyond f32 leave every cost infinite: the first split will do.
+                let better = best.as_ref().map_or(!cost.is_nan(), |b| cost < b.cost);
+                if better {
                     best = Some(Split { cost, axis, bin: i, grid, sides: [bounds, Bounds::EMPTY] });
                 }
             }

@@ -39,9 +39,13 @@ impl Bounds {
     /// Half the surface; 0 for an empty box.
     #[inline(always)]
     pub fn area(&self) -> f32 {
-        let e: [f32; 3] = std::array::from_fn(|k| self.0[4 + k] + self.0[k]);
-        let area = e[0] * (e[1] + e[2]) + e[1] * e[2];
-        if e[0] >= 0.0 && e[1] >= 0.0 && e[2] >= 0.0 { area } else { 0.0 }
+        let [x, y, z] = std::array::from_fn(|k| (self.0[4 + k] + self.0[k]).max(0.0));
+        x * (y + z) + y * z
+    }
+    /// Whether nothing was put in.
+    #[inline(always)]
+    pub fn is_empty(&self) -> bool {
+        self.0[0] == f32::NEG_INFINITY
     }
     /// Twice the centre.
     #[inline(always)]

@@ -18,6 +18,8 @@ const SHAPE: f32 = 1.5;
 const LEAF: u32 = 16;
 /// Subtrees of more references than this are emitted side by side.
 const PARALLEL: u32 = 4096;
+/// Subtrees of more nodes than this are planned side by side.
+const PARALLEL_PLAN: usize = 8192;
 
 /// The least cost of representing a subtree by at most i + 1 children of one node, and how.
 #[derive(Clone, Copy, bytemuck::Zeroable)]
@@ -69,7 +71,31 @@ impl Plan {
 /// The best plan for every node.
 pub(crate) fn plan(nodes: &[Binary], references: &[Reference], primitives: &impl Primitives) -> Vec<Plan> {
     let mut plans: Vec<Plan> = bytemuck::allocation::zeroed_vec(nodes.len());
-    for (i, node) in nodes.iter().enumerate().rev() {
+    plan_subtree(nodes, 0, &mut plans, references, primitives);
+    plans
+}
+
+/// The same for the subtree that `nodes` hold, the first of which has the number `base`: children lie behind their
+/// parents, all of the left side's before the right side's.
+fn plan_subtree(
+    nodes: &[Binary],
+    base: u32,
+    plans: &mut [Plan],
+    references: &[Reference],
+    primitives: &impl Primitives,
+) {
+    let root = &nodes[0];
+    let mut planned = nodes.len();
+    if nodes.len() > PARALLEL_PLAN && root.count().is_none() {
+        let (left, right) = ((root.left - base) as usize, (root.right - base) as usize);
+        let (head, tail) = plans.split_at_mut(right);
+        rayon::join(
+            || plan_subtree(&nodes[left..right], root.left, &mut head[left..], references, primitives),
+            || plan_subtree(&nodes[right..], root.right, tail, references, primitives),
+        );
+        planned = 1;
+    }
+    for (i, node) in nodes[..planned].iter().enumerate().rev() {
         if node.right == 0 {
             continue; // a place that was not used
         }
@@ -82,10 +108,9 @@ pub(crate) fn plan(nodes: &[Binary], references: &[Reference], primitives: &impl
             let cost = area * if only_triangles { BLOCK * count.div_ceil(4) as f32 } else { SHAPE * count as f32 };
             Plan { cost: [cost; 7], left: [0; 7], count, only_triangles }
         } else {
-            join(area, &plans[node.left as usize], &plans[node.right as usize])
+            join(area, &plans[(node.left - base) as usize], &plans[(node.right - base) as usize])
         };
     }
-    plans
 }
 
 /// The plan of a node from those of its children.
@@ -123,6 +148,25 @@ fn join(area: f32, l: &Plan, r: &Plan) -> Plan {
     plan
 }
 
+/// Up to N values in place.
+struct Few<T, const N: usize> {
+    values: [T; N],
+    len: usize,
+}
+
+impl<T: Copy, const N: usize> Few<T, N> {
+    fn new(nothing: T) -> Self {
+        Self { values: [nothing; N], len: 0 }
+    }
+    fn push(&mut self, value: T) {
+        self.values[self.len] = value;
+        self.len += 1;
+    }
+    fn all(&mut self) -> &mut [T] {
+        &mut self.values[..self.len]
+    }
+}
+
 struct Emitter<'a, P> {
     nodes: &'a [Binary],
     references: &'a [Reference],
@@ -132,7 +176,7 @@ struct Emitter<'a, P> {
 
 impl<P: Primitives> Emitter<'_, P> {
     /// The roots of the subtrees that share `slots` slots.
-    fn children(&self, at: u32, slots: usize, out: &mut Vec<u32>) {
+    fn children(&self, at: u32, slots: usize, out: &mut Few<u32, 8>) {
         let node = &self.nodes[at as usize];
         let left = self.plans[at as usize].left[slots - 1];
         if slots == 1 || node.count().is_some() {
@@ -145,8 +189,8 @@ impl<P: Primitives> Emitter<'_, P> {
         }
     }
 
-    fn children_of_node(&self, at: u32) -> Vec<u32> {
-        let mut children = Vec::with_capacity(8);
+    fn children_of_node(&self, at: u32) -> Few<u32, 8> {
+        let mut children = Few::new(0);
         let node = &self.nodes[at as usize];
         let left = usize::from(self.plans[at as usize].left[0]);
         self.children(node.left, left, &mut children);
@@ -176,12 +220,13 @@ impl<P: Primitives> Emitter<'_, P> {
             let child = self.emit(at, &mut wide);
             return (wide, child);
         }
-        let children = self.children_of_node(at);
+        let mut children = self.children_of_node(at);
+        let children = &*children.all();
         let parts: Vec<_> = children.par_iter().map(|&child| self.parallel(child)).collect();
         let mut wide = Wide::default();
         wide.nodes.reserve_exact(1 + parts.iter().map(|part| part.0.nodes.len()).sum::<usize>());
         wide.blocks.reserve_exact(parts.iter().map(|part| part.0.blocks.len()).sum());
-        wide.nodes.push(self.node(&children));
+        wide.nodes.push(self.node(children));
         for (slot, (part, child)) in parts.into_iter().enumerate() {
             let [n, b, s] = [wide.nodes.len(), wide.blocks.len(), wide.shapes.len()].map(|x| x as u32);
             wide.nodes[0].children[slot] = child.moved(n, b, s);
@@ -201,9 +246,10 @@ impl<P: Primitives> Emitter<'_, P> {
         if self.is_leaf(at) {
             return self.leaf(at, wide);
         }
-        let children = self.children_of_node(at);
+        let mut children = self.children_of_node(at);
+        let children = &*children.all();
         let place = wide.nodes.len();
-        wide.nodes.push(self.node(&children));
+        wide.nodes.push(self.node(children));
         for (slot, &child) in children.iter().enumerate() {
             let child = self.emit(child, wide);
             wide.nodes[place].children[slot] = child;
@@ -212,7 +258,7 @@ impl<P: Primitives> Emitter<'_, P> {
     }
 
     fn leaf(&self, at: u32, wide: &mut Wide) -> Child {
-        let mut triangles = Vec::with_capacity(LEAF as usize);
+        let mut triangles: Few<_, { LEAF as usize }> = Few::new(([[0.0; 3]; 3], 0));
         let mut shape = None;
         self.gather(at, &mut |primitive| match self.primitives.triangle(primitive) {
             Some(triangle) => triangles.push(triangle),
@@ -223,11 +269,18 @@ impl<P: Primitives> Emitter<'_, P> {
             return Child::shape(wide.shapes.len() as u32 - 1);
         }
         // A triangle that was split may come back together here.
+        let triangles = triangles.all();
         triangles.sort_unstable_by_key(|t| t.1);
-        triangles.dedup_by_key(|t| t.1);
+        let mut n = 1;
+        for i in 1..triangles.len() {
+            if triangles[i].1 != triangles[n - 1].1 {
+                triangles[n] = triangles[i];
+                n += 1;
+            }
+        }
         let first = wide.blocks.len() as u32;
-        wide.blocks.extend(triangles.chunks(4).map(Block::new));
-        Child::blocks(first, triangles.len().div_ceil(4) as u32)
+        wide.blocks.extend(triangles[..n].chunks(4).map(Block::new));
+        Child::blocks(first, n.div_ceil(4) as u32)
     }
 
     fn gather(&self, at: u32, take: &mut impl FnMut(u32)) {

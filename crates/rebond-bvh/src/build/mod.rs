@@ -80,25 +80,21 @@ pub(crate) fn geometry(
         return Err(BuildError::VertexOutOfRange { geometry: index, triangle });
     }
     let surfaces = Surfaces { geometry, base };
-    let chunks: Vec<_> = (0..geometry.triangles.len() as u32)
-        .into_par_iter()
-        .fold(
-            || (Vec::new(), 0_u64, 0_u64),
-            |(mut references, mut degenerate, mut non_finite), i| {
-                match classify(surfaces.corners(i)) {
-                    Kind::Fine(bounds) => references.push(Reference::new(bounds, i)),
-                    Kind::Degenerate => degenerate += 1,
-                    Kind::NonFinite => non_finite += 1,
+    let reference = |i| match classify(surfaces.corners(i)) {
+        Kind::Fine(bounds) => Reference::new(bounds, i),
+        Kind::Degenerate | Kind::NonFinite => Reference::new(Bounds::EMPTY, i),
+    };
+    let mut references: Vec<_> = (0..geometry.triangles.len() as u32).into_par_iter().map(reference).collect();
+    if references.par_iter().any(|r| r.bounds.is_empty()) {
+        references.retain(|r| {
+            if r.bounds.is_empty() {
+                match classify(surfaces.corners(r.primitive())) {
+                    Kind::NonFinite => report.non_finite_triangles += 1,
+                    _ => report.degenerate_triangles += 1,
                 }
-                (references, degenerate, non_finite)
-            },
-        )
-        .collect();
-    let mut references = Vec::with_capacity(chunks.iter().map(|chunk| chunk.0.len()).sum());
-    for (chunk, degenerate, non_finite) in chunks {
-        references.extend(chunk);
-        report.degenerate_triangles += degenerate;
-        report.non_finite_triangles += non_finite;
+            }
+            !r.bounds.is_empty()
+        });
     }
     let first = geometry.triangles.len();
     for (i, sphere) in geometry.spheres.iter().enumerate() {

@@ -30,32 +30,23 @@ pub(crate) fn improve(nodes: &mut Vec<Binary>) {
         return;
     }
     let mut parents = vec![0_u32; nodes.len()];
-    let mut locked = vec![0_u32; nodes.len()];
-    let mut cost = f64::INFINITY;
-    for pass in 1..=PASSES as u32 {
-        for (i, node) in nodes.iter().enumerate() {
-            if node.count().is_none() {
-                parents[node.left as usize] = i as u32;
-                parents[node.right as usize] = i as u32;
-            }
+    for (i, node) in nodes.iter().enumerate() {
+        if node.count().is_none() {
+            parents[node.left as usize] = i as u32;
+            parents[node.right as usize] = i as u32;
         }
-        let now: f64 = nodes.iter().map(|node| f64::from(node.bounds().area())).sum();
+    }
+    let mut cost = f64::INFINITY;
+    let mut locked = vec![0_u32; nodes.len()];
+    for pass in 1..=PASSES as u32 {
+        let now = area(nodes);
         if cost.is_finite() && now > cost * (1.0 - ENOUGH) {
             break;
         }
         cost = now;
         let mut moves: Vec<Move> = {
             let nodes = &*nodes;
-            let mut candidates: Vec<u32> = (1..nodes.len() as u32).collect();
-            if candidates.len() > BATCH {
-                let by_area = |a: &u32, b: &u32| {
-                    let area = |i: u32| nodes[i as usize].bounds().area();
-                    area(*b).total_cmp(&area(*a)).then(a.cmp(b))
-                };
-                candidates.select_nth_unstable_by(BATCH, by_area);
-                candidates.truncate(BATCH);
-            }
-            candidates.into_par_iter().filter_map(|i| best_move(nodes, &parents, i)).collect()
+            candidates(nodes).into_par_iter().filter_map(|i| best_move(nodes, &parents, i)).collect()
         };
         moves.par_sort_unstable_by(|a, b| b.gain.total_cmp(&a.gain).then(a.what.cmp(&b.what)));
         for step in moves {
@@ -63,6 +54,24 @@ pub(crate) fn improve(nodes: &mut Vec<Binary>) {
         }
     }
     order(nodes);
+}
+
+/// The area of all nodes, added up in the same order by any number of threads.
+fn area(nodes: &[Binary]) -> f64 {
+    let chunk = |nodes: &[Binary]| nodes.iter().map(|node| f64::from(node.bounds().area())).sum::<f64>();
+    nodes.par_chunks(1 << 14).map(chunk).collect::<Vec<f64>>().iter().sum()
+}
+
+/// The subtrees to be moved: all, or those of largest area.
+fn candidates(nodes: &[Binary]) -> Vec<u32> {
+    if nodes.len() <= BATCH {
+        return (1..nodes.len() as u32).collect();
+    }
+    // Areas are not negative, so that their bits are in their order; the lower half tells the nodes.
+    let key = |i: usize| u64::from(!nodes[i].bounds().area().to_bits()) << 32 | i as u64;
+    let mut keys: Vec<u64> = (1..nodes.len()).into_par_iter().map(key).collect();
+    keys.select_nth_unstable(BATCH);
+    keys[..BATCH].iter().map(|key| *key as u32).collect()
 }
 
 /// The place where a subtree costs least.
@@ -120,6 +129,7 @@ fn best_move(nodes: &[Binary], parents: &[u32], what: u32) -> Option<Move> {
     (best.0 > 1e-6 * area && best.1 != sibling(what)).then_some(Move { gain: best.0, what, to: best.1 })
 }
 
+/// Makes a move, unless another one of this pass has touched its nodes.
 fn reinsert(nodes: &mut [Binary], parents: &mut [u32], locked: &mut [u32], pass: u32, step: Move) {
     let (what, to) = (step.what, step.to);
     let parent = parents[what as usize];

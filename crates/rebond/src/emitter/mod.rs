@@ -122,7 +122,7 @@ impl Emitter {
     /// Power in W (per colour channel), for the choice among emitters; `scene_radius` is what infinite ones shine on.
     pub fn power(&self, scene_radius: f32) -> [f64; 3] {
         use std::f64::consts::PI;
-        let area = |a: V, b: V| f64::from(a.cross(b).length());
+        let area = |a: V, b: V| area_vector(a, b).length();
         let squared = |x: f32| f64::from(x) * f64::from(x);
         let disk = PI * squared(scene_radius);
         let (c, factor) = match *self {
@@ -149,23 +149,23 @@ impl Emitter {
         let none = Record::default();
         match *self {
             Self::Triangle { p: [p, a, b], radiance } => {
-                let n = a.cross(b);
+                let n = area_vector(a, b);
                 [
                     word(radiance, Kind::Triangle),
-                    with(p, 2.0 / n.length()),
+                    with(p, (2.0 / n.length()) as f32),
                     with(a, 0.0),
                     with(b, 0.0),
-                    with(n.normalize(), 0.0),
+                    with(n.normalize().as_vec3(), 0.0),
                 ]
             }
             Self::Parallelogram { p: [p, a, b], radiance } => {
-                let n = a.cross(b);
+                let n = area_vector(a, b);
                 [
                     word(radiance, Kind::Parallelogram),
-                    with(p, 1.0 / n.length()),
+                    with(p, (1.0 / n.length()) as f32),
                     with(a, 0.0),
                     with(b, 0.0),
-                    with(n.normalize(), 0.0),
+                    with(n.normalize().as_vec3(), 0.0),
                 ]
             }
             Self::Sphere { center, radius, inwards, radiance } => {
@@ -501,6 +501,11 @@ impl<F: Real> SphereCone<F> {
         let one_minus_cos = sin2 / ((F::one() - sin2).safe_sqrt() + 1.0);
         Self { distance: d2.sqrt(), outside, one_minus_cos }
     }
+}
+
+/// Of the parallelogram over two edges. In f64: squares of squares of lengths are soon beyond f32.
+pub(crate) fn area_vector(a: V, b: V) -> glam::DVec3 {
+    a.as_dvec3().cross(b.as_dvec3())
 }
 
 /// The power of an emitter as one number, for the choice among them.

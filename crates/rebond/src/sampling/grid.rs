@@ -120,12 +120,12 @@ fn split<F: Real>(u: F, first: F, second: F) -> (F::Mask, F) {
     (takes_second, within.relu())
 }
 
-/// A place in [0, 1) of density linear from `a` to `b`, not both 0, given u in [0, 1).
+/// A place in [0, 1) of density linear from `a` to `b`, given u in [0, 1); 0 where both are 0.
 #[inline(always)]
 pub fn linear<F: Real>(u: F, a: F, b: F) -> F {
     let root = (a * a * (F::one() - u) + b * b * u).sqrt();
     let x = u * (a + b) / (a + root);
-    F::select(u.gt(F::zero()), x, F::zero()).min(F::splat(super::sampler::ONE_MINUS_EPSILON))
+    F::select(x.gt(F::zero()), x, F::zero()).min(F::splat(super::sampler::ONE_MINUS_EPSILON))
 }
 
 #[cfg(test)]

@@ -11,7 +11,7 @@ use super::{
 };
 use crate::bsdf::{Model, SMOOTH};
 use crate::camera::{Camera, Projection};
-use crate::emitter::{Emitter, Emitters, Environment, EnvironmentImage, LightSampler, NO_EMITTER};
+use crate::emitter::{Emitter, Emitters, Environment, EnvironmentImage, LightSampler, NO_EMITTER, area_vector};
 use crate::film::{Filter, FilterSettings, Image, LARGEST_SAMPLE};
 use crate::shape::MeshData;
 use crate::texture::{Encoding, Textures};
@@ -122,6 +122,10 @@ fn unknown<'a>(path: &str, what: &str, name: &str, known: impl Iterator<Item = &
 
 /// The brightest light a scene may have: a hundredth of what a film holds, to leave room for what focuses it.
 const BRIGHTEST: f32 = LARGEST_SAMPLE / 128.0;
+
+/// Areas of lights between these have a density, and squares of distances to them, within f32.
+const SMALLEST_LIGHT: f64 = 1e-36;
+const LARGEST_LIGHT: f64 = 1e36;
 
 /// A finite number within a range.
 fn number(path: &str, x: f32, range: std::ops::RangeInclusive<f32>, what: &str) -> Result<f32> {
@@ -605,14 +609,14 @@ impl<'a> Builder<'a> {
         }
         let Some(radiance) = look.emission else { return Ok(()) };
         let corner = |i: u32| Vec3::from_slice(&self.vertices[(first + i) as usize].0[..3]);
-        let mut area = 0.0;
+        let mut area = 0.0_f64;
         let mut emitters = Vec::new();
         for t in &mesh.triangles {
             let [a, b, c] = if mirrored { [t[0], t[2], t[1]] } else { *t }.map(corner);
             let (e1, e2) = (b - a, c - a);
-            let twice = e1.cross(e2).length();
+            let twice = area_vector(e1, e2).length();
             // A triangle without area, or not finite, is skipped by the rays and must not be drawn as a light either.
-            let sound = twice.is_finite() && twice > 0.0;
+            let sound = twice.is_finite() && twice > SMALLEST_LIGHT;
             area += if sound { twice } else { 0.0 };
             emitters.push(if sound {
                 Emitter::Triangle { p: [a, e1, e2], radiance }
@@ -626,6 +630,10 @@ impl<'a> Builder<'a> {
             let in_order = (mesh.triangles[0] == [0, 1, 2]) != mirrored;
             let [a, b, c] = if in_order { [1, 2, 0] } else { [1, 0, 2] }.map(corner);
             emitters = vec![Emitter::Parallelogram { p: [a, b - a, c - a], radiance }];
+        }
+        if area > LARGEST_LIGHT {
+            let error = BuildError::new(format!("{}.emission", look.path), "a light too large to be sampled");
+            return Err(error.help("its area in square units is beyond f32; use other units"));
         }
         if area <= 0.0 {
             let error = BuildError::new(format!("{}.emission", look.path), "a light of zero area");

@@ -115,10 +115,12 @@ fn triangle<F: Real>(
     let (v0, v1, v2) = (vertex(0), vertex(1), vertex(2));
     let (p0, p1, p2) = (Vec3::of_record(v0), Vec3::of_record(v1), Vec3::of_record(v2));
     let (e1, e2) = (p1 - p0, p2 - p0);
-    let ng = e1.cross(e2).normalized();
+    // Squares of squares of large or small lengths would be beyond f32.
+    let (size1, size2) = (e1.max_abs(), e2.max_abs());
+    let ng = (e1 * size1.recip()).cross(e2 * size2.recip()).normalized();
     let mut local = Local {
         p: e1.mul_add(hit.u, e2.mul_add(hit.v, p0)),
-        error: (p0.max_abs() + e1.max_abs() + e2.max_abs()) * POINT_ERROR,
+        error: (p0.max_abs() + size1 + size2) * POINT_ERROR,
         ng,
         ns: ng,
         tangent: e1,
