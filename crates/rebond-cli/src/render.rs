@@ -193,6 +193,9 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
     let progress = Progress::new(budget, region.pixels(), a.quiet);
     let statistics = render(&*integrator, &mut film, region, 0, &budget, threads, &progress);
     progress.finish();
+    if statistics.interrupted && !a.quiet {
+        note("stopped: writing what there is; another Ctrl-C loses it");
+    }
 
     let tonemap = match a.tonemap {
         TonemapName::None => Tonemap::None,
