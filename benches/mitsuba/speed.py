@@ -62,12 +62,19 @@ def serve(variant, scene_file, settings):
     # Twice: kernels are compiled in the first, memory is at hand after the second. A spp of its own is a kernel of its own.
     for seed in (0, 1):
         render(seed, settings["spp"])
-    print(json.dumps({"mitsuba": mi.__version__, "drjit": dr.__version__}), flush=True)
+    print(json.dumps({"mitsuba": mi.__version__, "drjit": dr.__version__, "llvm": llvm()}), flush=True)
     for line in sys.stdin:
         seed, spp, path = json.loads(line)
         seconds, cpu_seconds, image = render(seed, spp)
         np.save(path, np.array(image))
         print(json.dumps([seconds, cpu_seconds]), flush=True)
+
+
+def llvm():
+    """The LLVM library that this process has loaded, as far as the system tells."""
+    maps = Path("/proc/self/maps")
+    names = (Path(line.split()[-1]).name for line in maps.read_text().splitlines()) if maps.is_file() else ()
+    return next((name for name in names if "LLVM" in name), None)
 
 
 class Worker:
@@ -278,7 +285,6 @@ def main():
     version = subprocess.run([args.rebond, "--version"], capture_output=True, text=True).stdout.strip()
     settings = {k: getattr(args, k) for k in ("rounds", "spp", "size", "max_depth", "threads", "reference_spp")}
     result = {"date": datetime.date.today().isoformat(), "machine": here, "rebond": version, "settings": settings, "scenes": {}}
-    result["llvm"] = Path(os.path.realpath(os.environ.get("DRJIT_LIBLLVM_PATH", "?"))).name
     print(f"{here['cpu']}, {args.threads} threads, {args.size[0]}x{args.size[1]}, {args.spp} spp, max depth {args.max_depth}, box filter")
     for name, scene in scenes.items():
         scene, notes = comparable(scene, *args.size)
