@@ -197,7 +197,7 @@ fn interrupt(budget: [&str; 2]) {
     assert!(sent.success());
     let output = child.wait_with_output().expect("an end");
     assert_eq!(output.status.code(), Some(130), "{}", text(&output.stderr));
-    assert_eq!(text(&output.stderr), "interrupted\n");
+    assert_eq!(text(&output.stderr), "stopped: writing what there is; another Ctrl-C loses it\ninterrupted\n");
     assert!(start.elapsed() < Duration::from_secs(20));
     assert_eq!(json(&text(&output.stdout))["outputs"], serde_json::json!(["part.pfm"]));
     // Wherever it was stopped, what was rendered is right.
