@@ -38,16 +38,6 @@ fn escapes(geometry: &Geometry, accel: &Accel, inside: impl Fn(&mut Random) -> [
     escaped
 }
 
-fn wide(rays: &[Ray<f32>]) -> Ray<F32x16> {
-    let lanes = |f: &dyn Fn(&Ray<f32>) -> f32| F32x16::load(&std::array::from_fn::<f32, 16, _>(|i| f(&rays[i])));
-    Ray {
-        o: std::array::from_fn(|k| lanes(&|r| r.o[k])),
-        d: std::array::from_fn(|k| lanes(&|r| r.d[k])),
-        tmax: lanes(&|r| r.tmax),
-        time: lanes(&|r| r.time),
-    }
-}
-
 fn escapes_of_16(accel: &Accel, rays: &[Ray<f32>]) -> usize {
     let ray = wide(rays);
     let all = <F32x16 as Real>::Mask::splat(true);

@@ -11,13 +11,7 @@ const ACROSS: f64 = 6.0e-7;
 fn check(name: &str, geometry: &Geometry, accel: &Accel, rays: &[Ray<f32>]) {
     let corners: Vec<_> = geometry.triangles.iter().map(|t| t.map(|i| geometry.positions[i as usize])).collect();
     for group in rays.chunks_exact(16) {
-        let lanes = |f: &dyn Fn(&Ray<f32>) -> f32| F32x16::load(&std::array::from_fn::<f32, 16, _>(|i| f(&group[i])));
-        let wide = Ray {
-            o: std::array::from_fn(|k| lanes(&|r| r.o[k])),
-            d: std::array::from_fn(|k| lanes(&|r| r.d[k])),
-            tmax: lanes(&|r| r.tmax),
-            time: lanes(&|r| r.time),
-        };
+        let wide = wide(group);
         let all = <F32x16 as Real>::Mask::splat(true);
         let packets = [false, true].map(|coherent| accel.closest(&wide, all, coherent));
         let shadows = accel.occluded(&wide, all);

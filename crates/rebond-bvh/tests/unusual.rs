@@ -140,14 +140,7 @@ fn every_scale() {
                         ray(o, random.direction().map(|x| x * size))
                     })
                     .collect();
-                let lanes =
-                    |f: &dyn Fn(&Ray<f32>) -> f32| F32x16::load(&std::array::from_fn::<f32, 16, _>(|i| f(&rays[i])));
-                let wide = Ray {
-                    o: std::array::from_fn(|k| lanes(&|r| r.o[k])),
-                    d: std::array::from_fn(|k| lanes(&|r| r.d[k])),
-                    tmax: lanes(&|r| r.tmax),
-                    time: lanes(&|r| r.time),
-                };
+                let wide = wide(&rays);
                 let all = <F32x16 as Real>::Mask::splat(true);
                 let packets = [true, false].map(|coherent| accel.closest(&wide, all, coherent));
                 assert!(accel.occluded(&wide, all).all(), "{n} {s} {size}");

@@ -2,7 +2,7 @@
 #![allow(dead_code, missing_docs)]
 
 use rebond_bvh::{Accel, Affine, BuildOptions, Geometry, Instance, MISS, Preset, Ray};
-use rebond_lanes::Index;
+use rebond_lanes::{F32x16, Index, Real};
 
 pub const IDENTITY: Affine = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
 
@@ -264,4 +264,15 @@ pub fn reference(corners: [[f32; 3]; 3], o: [f32; 3], d: [f32; 3]) -> Option<Ref
         }
     }
     Some(Reference { t, margin, cosine: along.abs() / (dot(normal, normal).sqrt() * length) })
+}
+
+/// Sixteen rays as one.
+pub fn wide(rays: &[Ray<f32>]) -> Ray<F32x16> {
+    let lanes = |f: &dyn Fn(&Ray<f32>) -> f32| F32x16::load(&std::array::from_fn::<f32, 16, _>(|i| f(&rays[i])));
+    Ray {
+        o: std::array::from_fn(|k| lanes(&|r| r.o[k])),
+        d: std::array::from_fn(|k| lanes(&|r| r.d[k])),
+        tmax: lanes(&|r| r.tmax),
+        time: lanes(&|r| r.time),
+    }
 }
