@@ -8,7 +8,10 @@ use wide::{f32x16, u32x16};
 #[cfg_attr(not(target_feature = "avx512f"), path = "x16/mask_lanes.rs")]
 mod mask;
 
-pub use mask::Mask16;
+/// Sixteen truth values.
+#[derive(Clone, Copy, Debug)]
+#[repr(transparent)]
+pub struct Mask16(mask::Lanes);
 
 /// Sixteen numbers.
 #[derive(Clone, Copy, Debug, Default)]
@@ -33,6 +36,7 @@ macro_rules! operator {
 }
 operator! {
     F32x16: Add add, Sub sub, Mul mul, Div div;
+    Mask16: BitAnd bitand, BitOr bitor, BitXor bitxor;
     Index16: Add add, Sub sub, Mul mul, BitAnd bitand, BitOr bitor, BitXor bitxor;
 }
 
@@ -82,6 +86,14 @@ impl Neg for F32x16 {
     }
 }
 
+impl Not for Mask16 {
+    type Output = Self;
+    #[inline(always)]
+    fn not(self) -> Self {
+        Self(!self.0)
+    }
+}
+
 impl Not for Index16 {
     type Output = Self;
     #[inline(always)]
@@ -98,6 +110,29 @@ fn integers(x: f32x16) -> u32x16 {
 #[inline(always)]
 fn floats(x: u32x16) -> f32x16 {
     bytemuck::cast(x)
+}
+
+impl Mask for Mask16 {
+    #[inline(always)]
+    fn splat(b: bool) -> Self {
+        Self(mask::splat(b))
+    }
+    #[inline(always)]
+    fn from_bits(bits: u32) -> Self {
+        Self(mask::from_bits(bits))
+    }
+    #[inline(always)]
+    fn bits(self) -> u32 {
+        mask::bits(self.0)
+    }
+    #[inline(always)]
+    fn any(self) -> bool {
+        mask::any(self.0)
+    }
+    #[inline(always)]
+    fn all(self) -> bool {
+        mask::all(self.0)
+    }
 }
 
 impl Index for Index16 {
@@ -117,11 +152,11 @@ impl Index for Index16 {
     }
     #[inline(always)]
     fn eq(self, other: Self) -> Mask16 {
-        mask::integers_eq(self.0, other.0)
+        Mask16(mask::integers_eq(self.0, other.0))
     }
     #[inline(always)]
     fn lt(self, other: Self) -> Mask16 {
-        mask::integers_lt(self.0, other.0)
+        Mask16(mask::integers_lt(self.0, other.0))
     }
     #[inline(always)]
     fn min(self, other: Self) -> Self {
@@ -129,7 +164,7 @@ impl Index for Index16 {
     }
     #[inline(always)]
     fn select(mask: Mask16, a: Self, b: Self) -> Self {
-        Self(integers(mask::select(mask, floats(a.0), floats(b.0))))
+        Self(integers(mask::select(mask.0, floats(a.0), floats(b.0))))
     }
     #[cfg(target_feature = "avx512bw")]
     #[inline(always)]
@@ -211,19 +246,19 @@ impl Real for F32x16 {
     }
     #[inline(always)]
     fn select(mask: Mask16, a: Self, b: Self) -> Self {
-        Self(mask::select(mask, a.0, b.0))
+        Self(mask::select(mask.0, a.0, b.0))
     }
     #[inline(always)]
     fn lt(self, other: Self) -> Mask16 {
-        mask::lt(self.0, other.0)
+        Mask16(mask::lt(self.0, other.0))
     }
     #[inline(always)]
     fn le(self, other: Self) -> Mask16 {
-        mask::le(self.0, other.0)
+        Mask16(mask::le(self.0, other.0))
     }
     #[inline(always)]
     fn eq(self, other: Self) -> Mask16 {
-        mask::eq(self.0, other.0)
+        Mask16(mask::eq(self.0, other.0))
     }
     #[inline(always)]
     fn min(self, other: Self) -> Self {

@@ -1,14 +1,10 @@
 //! Sixteen truth values as the bits of one of AVX-512's mask registers.
 
-use crate::Mask;
 use std::arch::x86_64::*;
-use std::ops::{BitAnd, BitOr, BitXor, Not};
 use wide::{f32x16, u32x16};
 
-/// Sixteen truth values.
-#[derive(Clone, Copy, Debug)]
-#[repr(transparent)]
-pub struct Mask16(u16);
+/// Bit i is lane i.
+pub(super) type Lanes = u16;
 
 /// Both types are sixteen numbers of four bytes in a row.
 #[inline(always)]
@@ -26,9 +22,9 @@ fn integers(x: u32x16) -> __m512i {
 macro_rules! comparisons {
     ($($name:ident $type:ty, $registers:ident, $intrinsic:ident $(::<$how:ident>)?;)*) => {$(
         #[inline(always)]
-        pub(super) fn $name(a: $type, b: $type) -> Mask16 {
+        pub(super) fn $name(a: $type, b: $type) -> Lanes {
             // SAFETY: AVX-512F is there: this module is built for nothing else.
-            Mask16(unsafe { $intrinsic $(::<$how>)? ($registers(a), $registers(b)) })
+            unsafe { $intrinsic $(::<$how>)? ($registers(a), $registers(b)) }
         }
     )*};
 }
@@ -42,53 +38,33 @@ comparisons! {
 
 /// `a` where `mask`, else `b`.
 #[inline(always)]
-pub(super) fn select(mask: Mask16, a: f32x16, b: f32x16) -> f32x16 {
+pub(super) fn select(mask: Lanes, a: f32x16, b: f32x16) -> f32x16 {
     // SAFETY: AVX-512F is there: this module is built for nothing else; and any 64 bytes are sixteen floats.
-    let chosen =
-        unsafe { std::mem::transmute::<__m512, [f32; 16]>(_mm512_mask_blend_ps(mask.0, floats(b), floats(a))) };
+    let chosen = unsafe { std::mem::transmute::<__m512, [f32; 16]>(_mm512_mask_blend_ps(mask, floats(b), floats(a))) };
     f32x16::new(chosen)
 }
 
-macro_rules! operator {
-    ($($operator:ident $function:ident),*) => {$(
-        impl $operator for Mask16 {
-            type Output = Self;
-            #[inline(always)]
-            fn $function(self, other: Self) -> Self {
-                Self(self.0.$function(other.0))
-            }
-        }
-    )*};
-}
-operator!(BitAnd bitand, BitOr bitor, BitXor bitxor);
-
-impl Not for Mask16 {
-    type Output = Self;
-    #[inline(always)]
-    fn not(self) -> Self {
-        Self(!self.0)
-    }
+#[inline(always)]
+pub(super) fn splat(b: bool) -> Lanes {
+    if b { Lanes::MAX } else { 0 }
 }
 
-impl Mask for Mask16 {
-    #[inline(always)]
-    fn splat(b: bool) -> Self {
-        Self(if b { u16::MAX } else { 0 })
-    }
-    #[inline(always)]
-    fn from_bits(bits: u32) -> Self {
-        Self(bits as u16)
-    }
-    #[inline(always)]
-    fn bits(self) -> u32 {
-        u32::from(self.0)
-    }
-    #[inline(always)]
-    fn any(self) -> bool {
-        self.0 != 0
-    }
-    #[inline(always)]
-    fn all(self) -> bool {
-        self.0 == u16::MAX
-    }
+#[inline(always)]
+pub(super) fn from_bits(bits: u32) -> Lanes {
+    bits as Lanes
+}
+
+#[inline(always)]
+pub(super) fn bits(mask: Lanes) -> u32 {
+    u32::from(mask)
+}
+
+#[inline(always)]
+pub(super) fn any(mask: Lanes) -> bool {
+    mask != 0
+}
+
+#[inline(always)]
+pub(super) fn all(mask: Lanes) -> bool {
+    mask == Lanes::MAX
 }

@@ -165,5 +165,6 @@ mod tests {
             let density = |p: [f32; 2]| (a + (b - a) * p[0]) / (0.5 * (a + b));
             chi2_square("linear", |u| [linear(u[0], a, b), u[1]], density);
         }
+        assert_eq!(linear(0.5, 0.0, 0.0), 0.0);
     }
 }
