@@ -15,6 +15,10 @@ use std::time::Instant;
 mod common;
 use common::{IDENTITY, Random, blob, moved, room, sub, together};
 
+/// As in the program.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 struct Scene {
     name: &'static str,
     geometry: Geometry,
@@ -461,6 +465,42 @@ fn build(geometry: &Geometry, preset: Preset, threads: usize) -> (Accel, (f64, f
     (accel, (start.0.elapsed().as_secs_f64(), all_processor_time() - start.1), report.bytes)
 }
 
+/// Medians of what building takes, every structure built once in every round.
+fn builds(scene: &Scene, library: Option<&embree::Library>, only: Option<&String>, repeat: usize) {
+    println!("\n{}: {} triangles", scene.name, scene.geometry.triangles.len());
+    type Build<'a> = Box<dyn Fn() -> (f64, f64) + 'a>;
+    let mut all: Vec<(String, Build)> = Vec::new();
+    for threads in [1, 2] {
+        for (name, quality) in [("embree medium", 1), ("embree high", 2)] {
+            if let Some(library) = library {
+                let build = move || library.build(&scene.geometry, quality, false, threads).seconds;
+                all.push((format!("{name} {threads}"), Box::new(build)));
+            }
+        }
+        for (name, preset) in PRESETS.into_iter().filter(|(name, _)| only.is_none_or(|only| only == name)) {
+            all.push((format!("{name} {threads}"), Box::new(move || build(&scene.geometry, preset, threads).1)));
+        }
+    }
+    let mut seconds = vec![(Vec::new(), Vec::new()); all.len()];
+    for round in 0..=repeat {
+        for ((_, build), seconds) in all.iter().zip(&mut seconds) {
+            let (clock, processor) = build();
+            if round > 0 {
+                seconds.0.push(clock);
+                seconds.1.push(processor);
+            }
+        }
+    }
+    println!("  {:16} {:>17} {:>21}   seconds: median and least", "", "clock", "processor");
+    for ((name, _), (clock, processor)) in all.iter().zip(&mut seconds) {
+        let (clock, processor) = ((median(clock), clock[0]), (median(processor), processor[0]));
+        println!("  {name:16} {:8.4} {:8.4} {:12.4} {:8.4}", clock.0, clock.1, processor.0, processor.1);
+    }
+}
+
+const PRESETS: [(&str, Preset); 3] =
+    [("fast", Preset::Fast), ("default", Preset::Default), ("quality", Preset::Quality)];
+
 fn main() {
     let arguments: Vec<String> = std::env::args().collect();
     let value = |name: &str| arguments.iter().position(|a| a == name).and_then(|i| arguments.get(i + 1));
@@ -477,12 +517,11 @@ fn main() {
         ("dragon", || in_room("dragon", 208)),
         ("land", || land(500, 400_000, 45)),
     ];
-    let presets = [("fast", Preset::Fast), ("default", Preset::Default), ("quality", Preset::Quality)];
     if arguments.iter().any(|a| a == "--curve") {
         println!("triangles, preset, build seconds on 1 and 2 threads, bytes per triangle, camera and bounce Mrays/s");
         for n in [7, 22, 71, 224, 707] {
             let scene = in_room("curve", n);
-            for (name, preset) in presets {
+            for (name, preset) in PRESETS {
                 let (_, (_, one), _) = build(&scene.geometry, preset, 1);
                 let (accel, (two, _), bytes) = build(&scene.geometry, preset, 2);
                 let first = camera(&scene, side);
@@ -497,6 +536,12 @@ fn main() {
                 let bytes = bytes as f64 / triangles as f64;
                 println!("{triangles:9} {name:8} {one:8.3} {two:8.3} {bytes:6.1} {first:7.2} {second:7.2}");
             }
+        }
+        return;
+    }
+    if arguments.iter().any(|a| a == "--build") {
+        for (_, make) in scenes.iter().filter(|scene| only.is_none_or(|name| name == scene.0)) {
+            builds(&make(), library.as_ref(), value("--preset"), repeat);
         }
         return;
     }
@@ -528,7 +573,7 @@ fn main() {
                 }
             }
         }
-        for (name, preset) in presets {
+        for (name, preset) in PRESETS {
             if value("--preset").is_some_and(|only| only != name) {
                 continue;
             }

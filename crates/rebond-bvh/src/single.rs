@@ -4,7 +4,7 @@ use crate::Filter;
 use crate::node::{Child, ONE_PLUS, Target};
 use crate::ray::{Best, SingleRay};
 use crate::shape::Shape;
-use crate::simd::{Lanes, Simd};
+use crate::simd::{self, Lanes, Simd};
 use crate::tree::Tree;
 use std::mem::MaybeUninit;
 
@@ -74,21 +74,14 @@ fn key(enter: f32, child: Child) -> u64 {
 /// Asks for the first cache lines of a child.
 #[inline(always)]
 pub(crate) fn prefetch(tree: &Tree, child: Child) {
-    #[cfg(target_arch = "x86_64")]
-    {
-        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-        let (at, lines): (*const i8, usize) = match child.target() {
-            Target::Node(index) => (tree.nodes().as_ptr().wrapping_add(index as usize).cast(), 4),
-            Target::Blocks { first, .. } => (tree.blocks().as_ptr().wrapping_add(first as usize).cast(), 3),
-            Target::Shape(_) => return,
-        };
-        for line in 0..lines {
-            // SAFETY: a prefetch reads nothing; any address will do.
-            unsafe { _mm_prefetch::<_MM_HINT_T0>(at.wrapping_add(64 * line)) };
-        }
+    let (at, lines): (*const i8, usize) = match child.target() {
+        Target::Node(index) => (tree.nodes().as_ptr().wrapping_add(index as usize).cast(), 4),
+        Target::Blocks { first, .. } => (tree.blocks().as_ptr().wrapping_add(first as usize).cast(), 3),
+        Target::Shape(_) => return,
+    };
+    for line in 0..lines {
+        simd::prefetch(at.wrapping_add(64 * line));
     }
-    #[cfg(not(target_arch = "x86_64"))]
-    let _ = (tree, child);
 }
 
 /// Puts the nearest hit in the subtree `start` into `best` if it comes before.

@@ -2,38 +2,46 @@
 //!
 //! I. Wald, "On fast Construction of SAH-based Bounding Volume Hierarchies", 2007. Below [`SWEEP`] references the
 //! heuristic is evaluated at every place (Macdonald and Booth 1990). The tree is a function of the references alone:
-//! every node knows its places in the arrays beforehand, and maxima and counts do not depend on the order of threads.
+//! maxima and counts do not depend on the order of threads, and its parts are put together in their own order.
 
-use super::bounds::{Binary, Bounds, Reference};
+use super::bounds::{Binary, Bounds, F4, Reference};
+use crate::simd::Lanes;
 use rayon::prelude::*;
 
+/// Most bins along an axis.
 pub(crate) const BINS: usize = 32;
 /// Up to so many references all splits are tried.
 pub(crate) const SWEEP: usize = 6;
 /// Below this depth, halves by number: no input makes the tree deeper than this and 32.
 const DEEP: u32 = 64;
+/// Of more references than this, a coarse build looks at every fourth.
+const SAMPLED: usize = 4096;
 /// Subtrees above this are built side by side.
 const PARALLEL: usize = 2048;
 /// Nodes above this are binned by several threads.
 const PARALLEL_BINS: usize = 1 << 16;
 
-/// How far the tree goes down, and whether it looks at areas at all.
+/// How far the tree goes down, and how closely it looks.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Shape {
     /// Most references of a leaf.
     pub leaf: usize,
     /// Halve by number everywhere.
     pub balanced: bool,
+    /// Fewer bins.
+    pub coarse: bool,
 }
 
-/// Fills `nodes` with the tree over `references` and reorders those. `nodes` has 2·n − 1 places, n > 0; its first is
-/// the root.
-pub(crate) fn build(references: &mut [Reference], nodes: &mut [Binary], shape: Shape) {
+/// The tree over `references`, which it reorders, n > 0: its root first, every subtree in one piece and behind its
+/// parent, the left side's before the right side's.
+pub(crate) fn build(references: &mut [Reference], shape: Shape) -> Vec<Binary> {
     let (bounds, centers) = references
         .par_chunks(PARALLEL_BINS / 8)
         .map(enclose)
         .reduce(|| (Bounds::EMPTY, Bounds::EMPTY), |a, b| (a.0.or(&b.0), a.1.or(&b.1)));
-    subtree(references, nodes, (0, 0), bounds, centers, 0, shape);
+    let mut other = references.to_vec();
+    let all = Piece { here: references, other: &mut other, moved: false, first: 0, bounds, centers, depth: 0 };
+    all.part(shape).into_nodes()
 }
 
 /// The box of the references and that of their centres.
@@ -41,48 +49,127 @@ pub(crate) fn enclose(references: &[Reference]) -> (Bounds, Bounds) {
     references.iter().fold((Bounds::EMPTY, Bounds::EMPTY), |(b, c), r| (b.or(&r.bounds), c.or(&r.bounds.center2_box())))
 }
 
-fn subtree(
-    references: &mut [Reference],
-    nodes: &mut [Binary],
-    (first, base): (u32, u32),
+/// Some references on their way down the tree. A split moves them from one array to the same places of the other.
+struct Piece<'a> {
+    /// Where they are.
+    here: &'a mut [Reference],
+    /// Where they go next.
+    other: &'a mut [Reference],
+    /// Whether `other` is the array in which they are to end.
+    moved: bool,
+    /// The place of the first.
+    first: u32,
     bounds: Bounds,
     centers: Bounds,
     depth: u32,
-    shape: Shape,
-) {
-    let n = references.len();
-    if n <= shape.leaf {
-        nodes[0] = Binary::leaf(&bounds, first, n as u32);
-        return;
-    }
-    let (middle, left, right) = if n == 2 {
-        let side = |r: &Reference| (r.bounds, r.bounds.center2_box());
-        (1, side(&references[0]), side(&references[1]))
-    } else if shape.balanced || depth > DEEP {
-        halve(references, &centers)
-    } else if n <= SWEEP {
-        sweep(references, &centers)
-    } else {
-        match best_split(references, &centers) {
-            Some(split) => split.partition(references),
-            None => halve(references, &centers),
+}
+
+/// A part of the tree.
+enum Part {
+    Fork(Bounds, Box<(Part, Part)>),
+    /// Children as places in the list.
+    Subtree(Vec<Binary>),
+}
+
+impl Piece<'_> {
+    /// Built by several threads as far as that pays.
+    fn part(self, shape: Shape) -> Part {
+        if self.here.len() <= PARALLEL {
+            let most = 2 * self.here.len();
+            let mut nodes = Vec::with_capacity(if shape.leaf == 1 { most } else { most / 3 });
+            self.subtree(shape, &mut nodes);
+            return Part::Subtree(nodes);
         }
-    };
-    let (references_left, references_right) = references.split_at_mut(middle);
-    let (head, tail) = nodes.split_at_mut(2 * middle);
-    let right_base = base + 2 * middle as u32;
-    head[0] = Binary::new(&bounds, base + 1, right_base);
-    let mut build_left =
-        || subtree(references_left, &mut head[1..], (first, base + 1), left.0, left.1, depth + 1, shape);
-    let mut build_right = || {
-        let places = (first + middle as u32, right_base);
-        subtree(references_right, tail, places, right.0, right.1, depth + 1, shape);
-    };
-    if n > PARALLEL {
-        rayon::join(build_left, build_right);
-    } else {
-        build_left();
-        build_right();
+        let bounds = self.bounds;
+        let (left, right) = self.split(shape);
+        Part::Fork(bounds, Box::new(rayon::join(|| left.part(shape), || right.part(shape))))
+    }
+
+    fn subtree(self, shape: Shape, nodes: &mut Vec<Binary>) {
+        let n = self.here.len();
+        if n <= shape.leaf {
+            if self.moved {
+                self.other.copy_from_slice(self.here);
+            }
+            nodes.push(Binary::leaf(&self.bounds, self.first, n as u32));
+            return;
+        }
+        let place = nodes.len();
+        nodes.push(Binary::new(&self.bounds, place as u32 + 1, 0));
+        let (left, right) = self.split(shape);
+        left.subtree(shape, nodes);
+        nodes[place].right = nodes.len() as u32;
+        right.subtree(shape, nodes);
+    }
+
+    fn split(self, shape: Shape) -> (Self, Self) {
+        let Self { here, other, moved, first, centers, depth, .. } = self;
+        let n = here.len();
+        let mut swapped = false;
+        let (middle, left, right) = if n == 2 {
+            let side = |r: &Reference| (r.bounds, r.bounds.center2_box());
+            (1, side(&here[0]), side(&here[1]))
+        } else if shape.balanced || depth > DEEP {
+            halve(here, &centers)
+        } else if n <= SWEEP {
+            sweep(here, &centers)
+        } else {
+            match best_split(here, &centers, shape.coarse) {
+                Some(split) => {
+                    swapped = true;
+                    split.partition(here, other)
+                }
+                None => halve(here, &centers),
+            }
+        };
+        let (here, other, moved) = if swapped { (other, here, !moved) } else { (here, other, moved) };
+        let (here_left, here_right) = here.split_at_mut(middle);
+        let (other_left, other_right) = other.split_at_mut(middle);
+        let piece = |here, other, first, (bounds, centers)| Self {
+            here,
+            other,
+            moved,
+            first,
+            bounds,
+            centers,
+            depth: depth + 1,
+        };
+        (piece(here_left, other_left, first, left), piece(here_right, other_right, first + middle as u32, right))
+    }
+}
+
+impl Part {
+    fn into_nodes(self) -> Vec<Binary> {
+        if let Self::Subtree(nodes) = self {
+            return nodes;
+        }
+        let mut nodes = Vec::with_capacity(self.len());
+        self.put(&mut nodes);
+        nodes
+    }
+    fn len(&self) -> usize {
+        match self {
+            Self::Fork(_, sides) => 1 + sides.0.len() + sides.1.len(),
+            Self::Subtree(nodes) => nodes.len(),
+        }
+    }
+    fn put(self, nodes: &mut Vec<Binary>) {
+        let place = nodes.len();
+        match self {
+            Self::Fork(bounds, sides) => {
+                nodes.push(Binary::new(&bounds, place as u32 + 1, 0));
+                sides.0.put(nodes);
+                nodes[place].right = nodes.len() as u32;
+                sides.1.put(nodes);
+            }
+            Self::Subtree(subtree) => nodes.extend(subtree.into_iter().map(|mut node| {
+                if node.count().is_none() {
+                    node.left += place as u32;
+                    node.right += place as u32;
+                }
+                node
+            })),
+        }
     }
 }
 
@@ -110,56 +197,54 @@ fn widest(centers: &Bounds) -> usize {
     }
 }
 
-/// The best of all splits along the three axes, for a handful of references.
+/// The best of all splits along the three axes, for 2 to [`SWEEP`] references.
 pub(crate) fn sweep(references: &mut [Reference], centers: &Bounds) -> Halves {
     let n = references.len();
-    let mut best = (f32::INFINITY, 0, n / 2);
-    let mut sorted = [0; 3];
+    let mut best = (f32::INFINITY, n / 2, [0, 1, 2, 3, 4, 5]);
     for axis in 0..3 {
         if !(centers.0[axis] + centers.0[4 + axis] > 0.0) {
             continue;
         }
-        sort(references, axis);
-        sorted[axis] = 1;
+        let order = sorted(references, axis);
         let mut right = [0.0; SWEEP];
         let mut bounds = Bounds::EMPTY;
         for i in (1..n).rev() {
-            bounds = bounds.or(&references[i].bounds);
+            bounds = bounds.or(&references[order[i]].bounds);
             right[i] = bounds.area() * (n - i) as f32;
         }
         bounds = Bounds::EMPTY;
         for i in 1..n {
-            bounds = bounds.or(&references[i - 1].bounds);
+            bounds = bounds.or(&references[order[i - 1]].bounds);
             let cost = bounds.area() * i as f32 + right[i];
             if cost < best.0 {
-                best = (cost, axis, i);
+                best = (cost, i, order);
             }
         }
     }
-    // The references lie in the order of the last axis that was tried.
-    if (best.1 + 1..3).any(|axis| sorted[axis] == 1) {
-        sort(references, best.1);
+    let (_, middle, order) = best;
+    let mut copy = [references[0]; SWEEP];
+    copy[..n].copy_from_slice(references);
+    for (r, &i) in references.iter_mut().zip(&order) {
+        *r = copy[i];
     }
-    let (left, right) = references.split_at(best.2);
-    (best.2, enclose(left), enclose(right))
+    let (left, right) = references.split_at(middle);
+    (middle, enclose(left), enclose(right))
 }
 
-fn sort(references: &mut [Reference], axis: usize) {
-    for i in 1..references.len() {
-        let x = references[i];
-        let mut j = i;
-        while j > 0 && before(&x, &references[j - 1], axis) {
-            references[j] = references[j - 1];
-            j -= 1;
-        }
-        references[j] = x;
+/// The places of up to [`SWEEP`] references in order of their centres; equal ones as they lie.
+fn sorted(references: &[Reference], axis: usize) -> [usize; SWEEP] {
+    let mut keys = [f32::INFINITY; SWEEP];
+    for (key, r) in keys.iter_mut().zip(references) {
+        let x = r.bounds.center2(axis);
+        *key = if x.is_nan() { 0.0 } else { x };
     }
-}
-
-#[inline(always)]
-fn before(a: &Reference, b: &Reference, axis: usize) -> bool {
-    let (x, y) = (a.bounds.center2(axis), b.bounds.center2(axis));
-    x < y || x == y && a.primitive() < b.primitive()
+    let mut order = [0; SWEEP];
+    for i in 0..references.len() {
+        let before = |j: usize| usize::from(if j < i { keys[j] <= keys[i] } else { keys[j] < keys[i] });
+        let rank: usize = (0..SWEEP).map(before).sum();
+        order[rank] = i;
+    }
+    order
 }
 
 /// Bins along three axes.
@@ -171,33 +256,37 @@ struct Bins<const N: usize> {
 /// Which bin a centre falls into.
 #[derive(Clone, Copy)]
 pub(crate) struct Grid {
-    lo2: [f32; 3],
-    scale: [f32; 3],
-    bins: usize,
+    lo2: [f32; 4],
+    /// 0 along axes that have no extent.
+    scale: [f32; 4],
+    last: f32,
 }
 
+/// Adding it to a small number rounds that to the nearest integer and leaves it in the lowest bits.
+const ROUND: f32 = 12_582_912.0;
+
 impl Grid {
-    pub fn new(centers: &Bounds, n: usize) -> Self {
-        let bins = if n <= 32 {
-            8
-        } else if n <= 512 {
-            16
-        } else {
-            BINS
-        };
-        Self {
-            lo2: std::array::from_fn(|k| centers.lo(k)),
-            scale: std::array::from_fn(|k| {
-                let extent = centers.0[4 + k] + centers.0[k];
-                if extent > 0.0 { bins as f32 * 0.9999 / extent } else { 0.0 }
-            }),
-            bins,
+    fn new(centers: &Bounds, bins: usize) -> Self {
+        let mut grid = Self { lo2: [0.0; 4], scale: [0.0; 4], last: (bins - 1) as f32 };
+        for k in 0..3 {
+            let scale = bins as f32 * 0.9999 / (centers.0[4 + k] + centers.0[k]);
+            if scale.is_finite() {
+                (grid.lo2[k], grid.scale[k]) = (centers.lo(k), scale);
+            }
         }
+        grid
     }
     #[inline(always)]
-    fn bin(&self, bounds: &Bounds, k: usize) -> usize {
-        let x = (bounds.center2(k) - self.lo2[k]) * self.scale[k];
-        (x as i32 as usize).min(self.bins - 1)
+    fn place(&self, center2: f32, k: usize) -> u32 {
+        let x = (center2 - self.lo2[k]) * self.scale[k] - 0.5;
+        let x = if x < self.last { x } else { self.last };
+        (x + ROUND).to_bits()
+    }
+    /// The bins of a centre along x, y and z, in the lowest bits.
+    #[inline(always)]
+    fn places(&self, bounds: &Bounds) -> [u32; 4] {
+        let x = bounds.centers2().sub(F4::load(&self.lo2)).mul(F4::load(&self.scale)).sub(F4::splat(0.5));
+        x.min(F4::splat(self.last)).add(F4::splat(ROUND)).array().map(f32::to_bits)
     }
 }
 
@@ -209,31 +298,38 @@ pub(crate) struct Split {
     /// First bin of the right side.
     bin: usize,
     grid: Grid,
-    /// The two sides' boxes.
+    /// The two sides' boxes,
     pub sides: [Bounds; 2],
+    /// unless only some of the references were looked at.
+    sampled: bool,
 }
 
-/// The cheapest split; none if all centres fall into one bin.
-pub(crate) fn best_split(references: &[Reference], centers: &Bounds) -> Option<Split> {
-    let grid = Grid::new(centers, references.len());
-    match grid.bins {
-        8 => Bins::<8>::of(references, &grid).best(grid),
-        16 => Bins::<16>::of(references, &grid).best(grid),
-        _ if references.len() <= PARALLEL_BINS => Bins::<BINS>::of(references, &grid).best(grid),
+/// The cheapest split; none if all centres are the same.
+pub(crate) fn best_split(references: &[Reference], centers: &Bounds, coarse: bool) -> Option<Split> {
+    let n = if coarse { references.len() / 4 } else { references.len() };
+    let step = if coarse && references.len() > SAMPLED { 4 } else { 1 };
+    let split = match n {
+        0..=3 => Bins::<4>::of(references, 1, centers).best(centers),
+        4..=32 => Bins::<8>::of(references, 1, centers).best(centers),
+        33..=512 => Bins::<16>::of(references, 1, centers).best(centers),
+        _ if references.len() <= PARALLEL_BINS => Bins::<BINS>::of(references, step, centers).best(centers),
         _ => references
             .par_chunks(PARALLEL_BINS / 4)
-            .map(|chunk| Bins::<BINS>::of(chunk, &grid))
+            .map(|chunk| Bins::<BINS>::of(chunk, step, centers))
             .reduce_with(Bins::and)
-            .and_then(|bins| bins.best(grid)),
-    }
+            .and_then(|bins| bins.best(centers)),
+    };
+    split.map(|split| Split { sampled: step > 1, ..split })
 }
 
 impl<const N: usize> Bins<N> {
-    fn of(references: &[Reference], grid: &Grid) -> Self {
+    fn of(references: &[Reference], step: usize, centers: &Bounds) -> Self {
+        let grid = Grid::new(centers, N);
         let mut bins = Self { bounds: [[Bounds::EMPTY; N]; 3], counts: [[0; N]; 3] };
-        for r in references {
+        for r in references.iter().step_by(step) {
+            let places = grid.places(&r.bounds);
             for k in 0..3 {
-                let bin = grid.bin(&r.bounds, k) & (N - 1);
+                let bin = places[k] as usize & (N - 1);
                 bins.counts[k][bin] += 1;
                 bins.bounds[k][bin] = bins.bounds[k][bin].or(&r.bounds);
             }
@@ -249,8 +345,10 @@ impl<const N: usize> Bins<N> {
         }
         self
     }
-    fn best(&self, grid: Grid) -> Option<Split> {
-        let mut best: Option<Split> = None;
+    fn best(&self, centers: &Bounds) -> Option<Split> {
+        let grid = Grid::new(centers, N);
+        // The first of equals; areas beyond f32 leave every cost infinite, and any split will do.
+        let mut best: Option<(f32, usize, usize)> = None;
         for axis in 0..3 {
             if grid.scale[axis] == 0.0 {
                 continue;
@@ -261,50 +359,55 @@ impl<const N: usize> Bins<N> {
             for i in (1..N).rev() {
                 bounds = bounds.or(&self.bounds[axis][i]);
                 count += self.counts[axis][i];
-                right[i] = (bounds.area(), count);
+                right[i] = (bounds.area() * count as f32, count);
             }
             (bounds, count) = (Bounds::EMPTY, 0);
             for i in 1..N {
                 bounds = bounds.or(&self.bounds[axis][i - 1]);
                 count += self.counts[axis][i - 1];
-                let (right_area, right_count) = right[i];
-                let cost = bounds.area() * count as f32 + right_area * right_count as f32;
-                let cost = if count == 0 || right_count == 0 { f32::NAN } else { cost };
-                // Areas beyond f32 leave every cost infinite: the first split will do.
-                let better = best.as_ref().map_or(!cost.is_nan(), |b| cost < b.cost);
-                if better {
-                    best = Some(Split { cost, axis, bin: i, grid, sides: [bounds, Bounds::EMPTY] });
+                let (right_cost, right_count) = right[i];
+                let cost = bounds.area() * count as f32 + right_cost;
+                if count > 0 && right_count > 0 && best.is_none_or(|best| cost < best.0) {
+                    best = Some((cost, axis, i));
                 }
             }
         }
-        if let Some(split) = &mut best {
-            split.sides[1] = self.bounds[split.axis][split.bin..].iter().fold(Bounds::EMPTY, |bounds, b| bounds.or(b));
-        }
-        best
+        best.map(|(cost, axis, bin)| {
+            let sides = [&self.bounds[axis][..bin], &self.bounds[axis][bin..]]
+                .map(|bins| bins.iter().fold(Bounds::EMPTY, |bounds, b| bounds.or(b)));
+            Split { cost, axis, bin, grid, sides, sampled: false }
+        })
     }
 }
 
 impl Split {
-    /// Moves the left side's references to the front.
-    pub fn partition(&self, references: &mut [Reference]) -> Halves {
-        let is_left = |r: &Reference| self.grid.bin(&r.bounds, self.axis) < self.bin;
-        let (mut i, mut j) = (0, references.len());
+    /// Copies the left side's references to the front of `to` and the right side's behind them.
+    pub fn partition(&self, from: &[Reference], to: &mut [Reference]) -> Halves {
+        if self.sampled { self.move_all::<true>(from, to) } else { self.move_all::<false>(from, to) }
+    }
+
+    #[inline(always)]
+    fn move_all<const SAMPLED: bool>(&self, from: &[Reference], to: &mut [Reference]) -> Halves {
+        let n = from.len();
+        let to = &mut to[..n];
+        let first_right = self.bin as u32 + ROUND.to_bits();
+        let mut middle = 0;
         let (mut left, mut right) = (Bounds::EMPTY, Bounds::EMPTY);
-        loop {
-            while i < j && is_left(&references[i]) {
-                left = left.or(&references[i].bounds.center2_box());
-                i += 1;
+        let mut sides = if SAMPLED { [Bounds::EMPTY; 2] } else { self.sides };
+        for (i, r) in from.iter().enumerate() {
+            // Without a branch, which would be mispredicted half of the time: written to both places, kept in one.
+            let is_left = self.grid.place(r.bounds.center2(self.axis), self.axis) < first_right;
+            let center = r.bounds.center2_box();
+            left = left.or(&center.or_empty(is_left));
+            right = right.or(&center.or_empty(!is_left));
+            if SAMPLED {
+                sides = [sides[0].or(&r.bounds.or_empty(is_left)), sides[1].or(&r.bounds.or_empty(!is_left))];
             }
-            while i < j && !is_left(&references[j - 1]) {
-                right = right.or(&references[j - 1].bounds.center2_box());
-                j -= 1;
-            }
-            if i >= j {
-                break;
-            }
-            references.swap(i, j - 1);
+            to[middle] = *r;
+            to[n - 1 - (i - middle)] = *r;
+            middle += usize::from(is_left);
         }
-        (i, (self.sides[0], left), (self.sides[1], right))
+        (middle, (sides[0], left), (sides[1], right))
     }
 }
 
@@ -315,8 +418,7 @@ mod tests {
     fn tree(boxes: &[([f32; 3], [f32; 3])], shape: Shape) -> (Vec<Reference>, Vec<Binary>) {
         let mut references: Vec<_> =
             boxes.iter().enumerate().map(|(i, b)| Reference::new(Bounds::new(b.0, b.1), i as u32)).collect();
-        let mut nodes = Binary::places(2 * boxes.len() - 1);
-        build(&mut references, &mut nodes, shape);
+        let nodes = build(&mut references, shape);
         (references, nodes)
     }
 
@@ -351,9 +453,9 @@ mod tests {
             (0..n as i32 / 4).map(|i| ([2.0_f32.powi(i - 125); 3], [2.0_f32.powi(i - 125); 3])).collect();
         for boxes in [&spread[..], &same, &skewed, &spread[..1], &spread[..2], &spread[..3]] {
             for shape in [
-                Shape { leaf: 1, balanced: false },
-                Shape { leaf: 4, balanced: false },
-                Shape { leaf: 1, balanced: true },
+                Shape { leaf: 1, balanced: false, coarse: false },
+                Shape { leaf: 4, balanced: false, coarse: true },
+                Shape { leaf: 1, balanced: true, coarse: false },
             ] {
                 let (references, nodes) = tree(boxes, shape);
                 let mut found = primitives(&references, &nodes, 0, 0);

@@ -1,6 +1,11 @@
 //! Boxes as the builders want them.
 
-/// −lower x, y, z, then upper x, y, z, each padded to four: growing is one maximum of eight.
+use crate::simd::{Lanes, Native, Simd};
+
+pub(crate) type F4 = <Native as Simd>::F4;
+type F8 = <Native as Simd>::F8;
+
+/// −lower x, y, z, then upper x, y, z, each padded to four: growing is one maximum of eight. The padding holds anything.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(C, align(32))]
 pub(crate) struct Bounds(pub [f32; 8]);
@@ -29,18 +34,25 @@ impl Bounds {
     #[inline(always)]
     #[must_use]
     pub fn or(&self, other: &Self) -> Self {
-        Self(std::array::from_fn(|i| if self.0[i] > other.0[i] { self.0[i] } else { other.0[i] }))
+        Self(F8::load(&self.0).max(F8::load(&other.0)).array())
     }
     #[inline(always)]
     #[must_use]
     pub fn and(&self, other: &Self) -> Self {
-        Self(std::array::from_fn(|i| if self.0[i] < other.0[i] { self.0[i] } else { other.0[i] }))
+        Self(F8::load(&self.0).min(F8::load(&other.0)).array())
     }
     /// Half the surface; 0 for an empty box.
     #[inline(always)]
     pub fn area(&self) -> f32 {
-        let [x, y, z] = std::array::from_fn(|k| (self.0[4 + k] + self.0[k]).max(0.0));
+        let both = F8::load(&self.0);
+        let [x, y, z, _] = Native::high(both).add(Native::low(both)).max(F4::splat(0.0)).array();
         x * (y + z) + y * z
+    }
+    /// Itself, or nothing; without a branch.
+    #[inline(always)]
+    pub fn or_empty(self, itself: bool) -> Self {
+        let (mask, nothing) = (u32::from(itself).wrapping_neg(), f32::NEG_INFINITY.to_bits());
+        Self(std::array::from_fn(|i| f32::from_bits(self.0[i].to_bits() & mask | nothing & !mask)))
     }
     /// Whether nothing was put in.
     #[inline(always)]
@@ -52,30 +64,38 @@ impl Bounds {
     pub fn center2(&self, k: usize) -> f32 {
         self.0[4 + k] - self.0[k]
     }
+    /// Twice the centre; the fourth is anything.
+    #[inline(always)]
+    pub fn centers2(&self) -> F4 {
+        let both = F8::load(&self.0);
+        Native::high(both).sub(Native::low(both))
+    }
     /// Twice the centre, as a box.
     #[inline(always)]
     pub fn center2_box(&self) -> Self {
-        Self::point([self.center2(0), self.center2(1), self.center2(2)])
+        Self(std::array::from_fn(|i| self.0[i] - self.0[i ^ 4]))
     }
 }
 
 /// A primitive, or a part of one, on its way into the tree.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Reference {
-    /// The padding holds anything.
+    /// Its padding holds the primitive, as a number that is neither tiny nor huge: those are slow to calculate with.
     pub bounds: Bounds,
 }
 
+const PRIMITIVE: u32 = 0x4000_0000;
+
 impl Reference {
     pub fn new(mut bounds: Bounds, primitive: u32) -> Self {
-        bounds.0[3] = f32::from_bits(primitive);
+        bounds.0[3] = f32::from_bits(PRIMITIVE | primitive);
         bounds.0[7] = 0.0;
         Self { bounds }
     }
     /// Which primitive of the geometry.
     #[inline(always)]
     pub fn primitive(&self) -> u32 {
-        self.bounds.0[3].to_bits()
+        self.bounds.0[3].to_bits() & !PRIMITIVE
     }
 }
 

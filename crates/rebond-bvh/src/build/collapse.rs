@@ -41,6 +41,8 @@ pub(crate) trait Primitives: Sync {
     fn shape(&self, primitive: u32) -> Shape;
     /// Whether there are other shapes at all.
     fn only_triangles(&self) -> bool;
+    /// Asks for the triangle `soon` and for the corners of the triangle `next`, that was asked for before.
+    fn prefetch(&self, soon: u32, next: u32);
 }
 
 /// The arrays of the wide tree.
@@ -58,7 +60,18 @@ pub(crate) fn collapse(
     primitives: &impl Primitives,
     plans: &[Plan],
 ) -> (Wide, Child) {
-    Emitter { nodes, references, primitives, plans }.parallel(0)
+    let part = Emitter { nodes, references, primitives, plans }.part(0);
+    if let Part::Subtree(wide, root) = part {
+        return (wide, root);
+    }
+    let [nodes, blocks, shapes] = part.len();
+    let mut wide = Wide {
+        nodes: Vec::with_capacity(nodes),
+        blocks: Vec::with_capacity(blocks),
+        shapes: Vec::with_capacity(shapes),
+    };
+    let root = part.put(&mut wide);
+    (wide, root)
 }
 
 impl Plan {
@@ -167,6 +180,51 @@ impl<T: Copy, const N: usize> Few<T, N> {
     }
 }
 
+/// A part of the wide tree.
+enum Part {
+    Fork(Box<Node>, Vec<Part>),
+    /// With its root; places are within the part.
+    Subtree(Wide, Child),
+}
+
+impl Part {
+    /// How many nodes, blocks and shapes.
+    fn len(&self) -> [usize; 3] {
+        match self {
+            Self::Fork(_, parts) => {
+                parts.iter().map(Self::len).fold([1, 0, 0], |a, b| std::array::from_fn(|i| a[i] + b[i]))
+            }
+            Self::Subtree(wide, _) => [wide.nodes.len(), wide.blocks.len(), wide.shapes.len()],
+        }
+    }
+
+    /// Moves it behind what is there.
+    fn put(self, out: &mut Wide) -> Child {
+        let [n, b, s] = [out.nodes.len(), out.blocks.len(), out.shapes.len()].map(|x| x as u32);
+        match self {
+            Self::Fork(node, parts) => {
+                out.nodes.push(*node);
+                for (slot, part) in parts.into_iter().enumerate() {
+                    let child = part.put(out);
+                    out.nodes[n as usize].children[slot] = child;
+                }
+                Child::node(n)
+            }
+            Self::Subtree(wide, root) => {
+                out.nodes.extend(wide.nodes.into_iter().map(|mut node| {
+                    for child in &mut node.children {
+                        *child = child.moved(n, b, s);
+                    }
+                    node
+                }));
+                out.blocks.extend_from_slice(&wide.blocks);
+                out.shapes.extend_from_slice(&wide.shapes);
+                root.moved(n, b, s)
+            }
+        }
+    }
+}
+
 struct Emitter<'a, P> {
     nodes: &'a [Binary],
     references: &'a [Reference],
@@ -214,32 +272,18 @@ impl<P: Primitives> Emitter<'_, P> {
         node
     }
 
-    fn parallel(&self, at: u32) -> (Wide, Child) {
-        if self.is_leaf(at) || self.plans[at as usize].count <= PARALLEL {
-            let mut wide = Wide::default();
+    /// Emitted by several threads as far as that pays.
+    fn part(&self, at: u32) -> Part {
+        let count = self.plans[at as usize].count;
+        if self.is_leaf(at) || count <= PARALLEL {
+            let mut wide = Wide { nodes: Vec::with_capacity(count as usize / 6), ..Wide::default() };
+            wide.blocks.reserve(count as usize / 3);
             let child = self.emit(at, &mut wide);
-            return (wide, child);
+            return Part::Subtree(wide, child);
         }
         let mut children = self.children_of_node(at);
         let children = &*children.all();
-        let parts: Vec<_> = children.par_iter().map(|&child| self.parallel(child)).collect();
-        let mut wide = Wide::default();
-        wide.nodes.reserve_exact(1 + parts.iter().map(|part| part.0.nodes.len()).sum::<usize>());
-        wide.blocks.reserve_exact(parts.iter().map(|part| part.0.blocks.len()).sum());
-        wide.nodes.push(self.node(children));
-        for (slot, (part, child)) in parts.into_iter().enumerate() {
-            let [n, b, s] = [wide.nodes.len(), wide.blocks.len(), wide.shapes.len()].map(|x| x as u32);
-            wide.nodes[0].children[slot] = child.moved(n, b, s);
-            wide.nodes.extend(part.nodes.into_iter().map(|mut node| {
-                for child in &mut node.children {
-                    *child = child.moved(n, b, s);
-                }
-                node
-            }));
-            wide.blocks.extend_from_slice(&part.blocks);
-            wide.shapes.extend_from_slice(&part.shapes);
-        }
-        (wide, Child::node(0))
+        Part::Fork(Box::new(self.node(children)), children.par_iter().map(|&child| self.part(child)).collect())
     }
 
     fn emit(&self, at: u32, wide: &mut Wide) -> Child {
@@ -258,40 +302,46 @@ impl<P: Primitives> Emitter<'_, P> {
     }
 
     fn leaf(&self, at: u32, wide: &mut Wide) -> Child {
-        let mut triangles: Few<_, { LEAF as usize }> = Few::new(([[0.0; 3]; 3], 0));
-        let mut shape = None;
-        self.gather(at, &mut |primitive| match self.primitives.triangle(primitive) {
-            Some(triangle) => triangles.push(triangle),
-            None => shape = Some(self.primitives.shape(primitive)),
-        });
-        if let Some(shape) = shape {
-            wide.shapes.push(shape);
+        let mut primitives: Few<u32, { LEAF as usize }> = Few::new(0);
+        self.gather(at, &mut primitives);
+        let primitives = primitives.all();
+        if self.primitives.triangle(primitives[0]).is_none() {
+            wide.shapes.push(self.primitives.shape(primitives[0]));
             return Child::shape(wide.shapes.len() as u32 - 1);
         }
         // A triangle that was split may come back together here.
-        let triangles = triangles.all();
-        triangles.sort_unstable_by_key(|t| t.1);
+        primitives.sort_unstable();
         let mut n = 1;
-        for i in 1..triangles.len() {
-            if triangles[i].1 != triangles[n - 1].1 {
-                triangles[n] = triangles[i];
+        for i in 1..primitives.len() {
+            if primitives[i] != primitives[n - 1] {
+                primitives[n] = primitives[i];
                 n += 1;
             }
         }
         let first = wide.blocks.len() as u32;
-        wide.blocks.extend(triangles[..n].chunks(4).map(Block::new));
+        for four in primitives[..n].chunks(4) {
+            let mut triangles = Few::<_, 4>::new(([[0.0; 3]; 3], 0));
+            four.iter().filter_map(|&i| self.primitives.triangle(i)).for_each(|triangle| triangles.push(triangle));
+            wide.blocks.push(Block::new(triangles.all()));
+        }
         Child::blocks(first, n.div_ceil(4) as u32)
     }
 
-    fn gather(&self, at: u32, take: &mut impl FnMut(u32)) {
+    fn gather(&self, at: u32, out: &mut Few<u32, { LEAF as usize }>) {
         let node = &self.nodes[at as usize];
         if let Some(count) = node.count() {
-            for r in &self.references[node.left as usize..][..count as usize] {
-                take(r.primitive());
+            let references = &self.references[node.left as usize..][..count as usize];
+            references.iter().for_each(|r| out.push(r.primitive()));
+            // Leaves come nearly in the order of their references.
+            for i in node.left..node.left + count {
+                let ahead = |n: u32| self.references.get((i + n) as usize).map(Reference::primitive);
+                if let (Some(soon), Some(next)) = (ahead(32), ahead(16)) {
+                    self.primitives.prefetch(soon, next);
+                }
             }
         } else {
-            self.gather(node.left, take);
-            self.gather(node.right, take);
+            self.gather(node.left, out);
+            self.gather(node.right, out);
         }
     }
 }

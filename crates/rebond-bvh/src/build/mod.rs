@@ -8,6 +8,7 @@ mod spatial;
 
 use crate::node::Child;
 use crate::shape::Shape;
+use crate::simd::prefetch;
 use crate::tree::Tree;
 use crate::{BuildError, BuildReport, Geometry, Preset};
 use bounds::{Binary, Bounds, Reference};
@@ -40,6 +41,13 @@ impl Primitives for Surfaces<'_> {
     fn only_triangles(&self) -> bool {
         self.geometry.spheres.is_empty() && self.geometry.disks.is_empty()
     }
+    fn prefetch(&self, soon: u32, next: u32) {
+        let triangles = &self.geometry.triangles;
+        if let (Some(soon), Some(next)) = (triangles.get(soon as usize), triangles.get(next as usize)) {
+            prefetch(soon);
+            prefetch(&self.geometry.positions[next[0] as usize]);
+        }
+    }
 }
 
 /// What becomes of a triangle.
@@ -51,7 +59,7 @@ enum Kind {
 
 /// Boxes of coordinates may be as wide as f32 goes; their area is found in f64.
 fn classify(corners: [[f32; 3]; 3]) -> Kind {
-    if !corners.iter().flatten().all(|x| x.is_finite()) {
+    if !corners.iter().all(|p| p[0].is_finite() & p[1].is_finite() & p[2].is_finite()) {
         return Kind::NonFinite;
     }
     let edge = |i: usize| -> [f64; 3] { std::array::from_fn(|k| f64::from(corners[i][k]) - f64::from(corners[0][k])) };
@@ -59,7 +67,11 @@ fn classify(corners: [[f32; 3]; 3]) -> Kind {
     if a[1] * b[2] == a[2] * b[1] && a[2] * b[0] == a[0] * b[2] && a[0] * b[1] == a[1] * b[0] {
         return Kind::Degenerate;
     }
-    Kind::Fine(corners.iter().fold(Bounds::EMPTY, |bounds, &p| bounds.or(&Bounds::point(p))))
+    let least = |a: f32, b: f32| if a < b { a } else { b };
+    let [p, q, r] = corners;
+    let lo = std::array::from_fn(|k| least(least(p[k], q[k]), r[k]));
+    let hi = std::array::from_fn(|k| -least(least(-p[k], -q[k]), -r[k]));
+    Kind::Fine(Bounds::new(lo, hi))
 }
 
 /// How many primitives a geometry has.
@@ -130,6 +142,7 @@ pub(crate) fn instances(boxes: &[Option<Bounds>], preset: Preset) -> Result<Tree
         fn only_triangles(&self) -> bool {
             false
         }
+        fn prefetch(&self, _: u32, _: u32) {}
     }
     let references = boxes.iter().enumerate().filter_map(|(i, b)| b.map(|b| Reference::new(b, i as u32))).collect();
     tree(references, &Placed, preset)
@@ -145,38 +158,32 @@ fn tree(mut references: Vec<Reference>, primitives: &impl Primitives, preset: Pr
     }
     let fast = preset == Preset::Fast && primitives.only_triangles();
     let pristine = if preset == Preset::Quality { references.clone() } else { Vec::new() };
-    let mut nodes = binned(&mut references, if fast { 4 } else { 1 }, false);
+    let shape = binned::Shape { leaf: if fast { 4 } else { 1 }, balanced: false, coarse: fast };
+    let mut nodes = binned::build(&mut references, shape);
     let bounds = nodes[0].bounds().corners();
-    if preset != Preset::Fast {
-        reinsert::improve(&mut nodes);
-    }
-    let mut plans = collapse::plan(&nodes, &references, primitives);
     if preset == Preset::Quality
         && nodes[0].bounds().area().is_finite()
         && cutting_promises(&pristine, &references, primitives)
     {
-        let (cut_references, mut cut_nodes) = cut(pristine, primitives);
-        reinsert::improve(&mut cut_nodes);
-        let cut_plans = collapse::plan(&cut_nodes, &cut_references, primitives);
-        if cut_plans[0].total() < WORTH_CUTTING * plans[0].total() {
-            (references, nodes, plans) = (cut_references, cut_nodes, cut_plans);
+        let (cut_references, cut_nodes) = cut(pristine, primitives);
+        let cost = collapse::plan(&nodes, &references, primitives)[0].total();
+        if collapse::plan(&cut_nodes, &cut_references, primitives)[0].total() < WORTH_CUTTING * cost {
+            (references, nodes) = (cut_references, cut_nodes);
         }
     }
+    if preset != Preset::Fast {
+        reinsert::improve(&mut nodes);
+    }
+    let plans = collapse::plan(&nodes, &references, primitives);
     let (wide, root) = collapse::collapse(&nodes, &references, primitives, &plans);
     if let Some(tree) = Tree::new(wide.nodes, wide.blocks, wide.shapes, root, bounds) {
         return Ok(tree);
     }
     // Some inputs make trees too deep for the stack; halving by number does not.
-    let nodes = binned(&mut references, 1, true);
+    let nodes = binned::build(&mut references, binned::Shape { leaf: 1, balanced: true, coarse: false });
     let plans = collapse::plan(&nodes, &references, primitives);
     let (wide, root) = collapse::collapse(&nodes, &references, primitives, &plans);
     Tree::new(wide.nodes, wide.blocks, wide.shapes, root, bounds).ok_or(BuildError::TooManyPrimitives)
-}
-
-fn binned(references: &mut [Reference], leaf: usize, balanced: bool) -> Vec<Binary> {
-    let mut nodes = Binary::places(2 * references.len() - 1);
-    binned::build(references, &mut nodes, binned::Shape { leaf, balanced });
-    nodes
 }
 
 /// The tree with triangles cut, and its references.
@@ -189,24 +196,32 @@ fn cut(mut references: Vec<Reference>, primitives: &impl Primitives) -> (Vec<Ref
     (references, nodes)
 }
 
-/// Whether cutting triangles brings enough for samples: a few of all of them, and some groups of neighbours.
+/// Whether cutting triangles brings enough for samples: a few of all of them, and some groups of neighbours if there
+/// are many.
 fn cutting_promises(all: &[Reference], neighbours: &[Reference], primitives: &impl Primitives) -> bool {
-    if all.len() <= TRY {
+    let n = all.len();
+    if n <= ALL {
         return true;
     }
     let costs = |mut sample: Vec<Reference>| {
         let (references, nodes) = cut(sample.clone(), primitives);
         let with = collapse::plan(&nodes, &references, primitives)[0].total();
-        let nodes = binned(&mut sample, 1, false);
+        let nodes = binned::build(&mut sample, binned::Shape { leaf: 1, balanced: false, coarse: false });
         [collapse::plan(&nodes, &sample, primitives)[0].total(), with]
     };
-    let few = costs(all.iter().step_by(all.len() / 8192).copied().collect());
-    let groups = neighbours.chunks(1024).step_by(neighbours.len() / 1024 / 16);
+    let few = costs(all.iter().step_by((n / FEW).max(8)).copied().collect());
+    if few[1] < WORTH_CUTTING * few[0] || n <= 8 * FEW {
+        return few[1] < WORTH_CUTTING * few[0];
+    }
+    let groups = neighbours.chunks(1024).step_by(n / 1024 / 16);
     let near = groups.map(|group| costs(group.to_vec())).fold([0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
-    few[1] < WORTH_CUTTING * few[0] || near[1] < WORTH_CUTTING * near[0]
+    near[1] < WORTH_CUTTING * near[0]
 }
 
 /// Up to so many primitives cutting is tried without asking samples first.
-const TRY: usize = 50_000;
-/// Triangles are cut only if that brings the tree's cost below this part of what it is without.
-const WORTH_CUTTING: f32 = 0.9;
+const ALL: usize = 256;
+/// How many of all are looked at.
+const FEW: usize = 8192;
+/// Triangles are cut only if that brings the tree's cost below this part of what it is without, before subtrees are
+/// moved, which gains more where nothing was cut.
+const WORTH_CUTTING: f32 = 0.8;

@@ -11,8 +11,7 @@ use rayon::prelude::*;
 const PASSES: usize = 8;
 /// A pass that gains less than this part of the cost is the last.
 const ENOUGH: f64 = 4e-3;
-/// Of larger trees, the subtrees of largest area are tried, so many in a pass: on 865 k triangles that takes a second
-/// and makes rays 20 % faster.
+/// Most subtrees that are tried in a pass.
 const BATCH: usize = 60_000;
 
 #[derive(Clone, Copy)]
@@ -62,16 +61,15 @@ fn area(nodes: &[Binary]) -> f64 {
     nodes.par_chunks(1 << 14).map(chunk).collect::<Vec<f64>>().iter().sum()
 }
 
-/// The subtrees to be moved: all, or those of largest area.
+/// The subtrees to be moved: the eighth of largest area. With all of them a tree of 3392 triangles took five times as
+/// long and was no better.
 fn candidates(nodes: &[Binary]) -> Vec<u32> {
-    if nodes.len() <= BATCH {
-        return (1..nodes.len() as u32).collect();
-    }
+    let batch = (nodes.len() / 8).clamp(1, BATCH);
     // Areas are not negative, so that their bits are in their order; the lower half tells the nodes.
     let key = |i: usize| u64::from(!nodes[i].bounds().area().to_bits()) << 32 | i as u64;
     let mut keys: Vec<u64> = (1..nodes.len()).into_par_iter().map(key).collect();
-    keys.select_nth_unstable(BATCH);
-    keys[..BATCH].iter().map(|key| *key as u32).collect()
+    keys.select_nth_unstable(batch);
+    keys[..batch].iter().map(|key| *key as u32).collect()
 }
 
 /// The place where a subtree costs least.

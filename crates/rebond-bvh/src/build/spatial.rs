@@ -60,7 +60,7 @@ impl<P: Primitives> Builder<'_, P> {
             return;
         }
         let room = references.len();
-        let split = if depth > TOO_DEEP { None } else { best_split(&references[..n], &centers) };
+        let split = if depth > TOO_DEEP { None } else { best_split(&references[..n], &centers, false) };
         let overlap = split.map_or(f32::INFINITY, |split| split.sides[0].and(&split.sides[1]).area());
         let least_overlap = self.least_overlap.max(OVERLAP_HERE * bounds.area());
         let cut = if room > n && n >= FEWEST && depth < DEEP && overlap > least_overlap {
@@ -73,7 +73,10 @@ impl<P: Primitives> Builder<'_, P> {
             let here = &mut references[..n];
             let (middle, left, right) = match split {
                 Some(_) if n <= SWEEP => sweep(here, &centers),
-                Some(split) => split.partition(here),
+                Some(split) => {
+                    let copy = here.to_vec();
+                    split.partition(&copy, here)
+                }
                 None => halve(here, &centers),
             };
             ((middle, left), (n - middle, right))
