@@ -90,6 +90,13 @@ const KEYS: &[Mistake] = &[
     ("max_depth = 4", "@max_dept = 4", r#"did you mean "max_depth"?"#),
     ("radius = 1 }", "@stddev = 1 }", r#"unknown key "stddev""#),
     (r#"type = "sobol""#, "type = \"sobol\"\n@samples = 4", r#"unknown key "samples""#),
+    (r#""diffuse", reflectance = 0.5"#, r#""oren-nayar", @sigma = 20"#, "valid keys: reflectance, roughness"),
+    (r#""diffuse", reflectance = 0.5"#, r#""thin-dielectric", @alpha = 0.1"#, "valid keys: int_ior, ext_ior, tint"),
+    (
+        r#""diffuse", reflectance = 0.5"#,
+        r#""ashikhmin-shirley", exponent_u = 1, exponent_v = 1, @reflectance = 1"#,
+        "valid keys: diffuse_reflectance, specular_reflectance, exponent_u, exponent_v",
+    ),
     // Missing ones are missed where they belong.
     ("{ type = \"phong\", exponent = 20,", "@{ type = \"phong\",", r#"the key "exponent" is missing"#),
     (r#"{ type = "mix", a = "grey","#, r#"@{ type = "mix","#, r#"the key "a" is missing"#),
@@ -161,6 +168,19 @@ const VALUES: &[Mistake] = &[
         "both `eta` and `k`",
     ),
     (r#""diffuse", reflectance = 0.5"#, r#""dielectric", @int_ior = 0"#, "0 is no index of refraction"),
+    (r#""diffuse", reflectance = 0.5"#, r#""oren-nayar", @roughness = 1.5"#, "1.5 is no roughness"),
+    (r#""diffuse", reflectance = 0.5"#, r#""oren-nayar", @reflectance = 2"#, "a reflectance lies within [0, 1]"),
+    (
+        r#""diffuse", reflectance = 0.5"#,
+        r#""ashikhmin-shirley", exponent_u = 1, @exponent_v = -2"#,
+        "-2 is no exponent",
+    ),
+    (
+        r#""diffuse", reflectance = 0.5"#,
+        r#""ashikhmin-shirley", exponent_u = 1, exponent_v = 1, @specular_reflectance = [0, 0, 3]"#,
+        "a reflectance lies within [0, 1]",
+    ),
+    (r#""diffuse", reflectance = 0.5"#, r#""thin-dielectric", @ext_ior = 1e9"#, "1000000000 is no index of refraction"),
     ("emission = 5", "@emission = -5", "light is finite and not negative"),
     ("intensity = 10", "@intensity = [1, -1, 1]", "light is finite and not negative"),
     (LAMP, "type = \"constant\"\n@radiance = -1", "light is finite and not negative"),

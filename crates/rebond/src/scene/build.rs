@@ -9,7 +9,7 @@ use super::{
     BuildError, EMITTER_PER_PRIMITIVE, Features, HAS_NORMALS, HAS_UVS, IS_DISK, IS_SPHERE, MATERIAL_RECORDS, MIX,
     Scene, SceneStatistics, TWO_SIDED,
 };
-use crate::bsdf::{Model, SMOOTH};
+use crate::bsdf::{Model, PARAMETERS, SMOOTH};
 use crate::camera::{Camera, Projection};
 use crate::emitter::{Emitter, Emitters, Environment, EnvironmentImage, LightSampler, NO_EMITTER, area_vector};
 use crate::film::{Filter, FilterSettings, Image, LARGEST_SAMPLE};
@@ -155,6 +155,28 @@ fn reflectance(path: &str, c: Color) -> Result<[f32; 3]> {
         .help("a surface cannot reflect more light than it receives"))
 }
 
+/// A number in [0, 1].
+fn unit(path: &str, key: &str, x: f32, what: &str) -> Result<f32> {
+    number(&format!("{path}.{key}"), x, 0.0..=1.0, &format!("{what}; it lies within [0, 1]"))
+}
+
+fn exponent(path: &str, x: f32) -> Result<f32> {
+    number(path, x, 0.0..=1e6, "exponent of a lobe; it lies within [0, 1e6]")
+}
+
+/// The index of the inside over that of the outside.
+fn relative_index(path: &str, int_ior: f32, ext_ior: f32) -> Result<f32> {
+    let ior = |key: &str, x: f32| number(&format!("{path}.{key}"), x, 0.1..=100.0, "index of refraction");
+    Ok(ior("int_ior", int_ior)? / ior("ext_ior", ext_ior)?)
+}
+
+/// Parameters of which all but the first few are 0.
+fn first(values: &[f32]) -> [f32; PARAMETERS] {
+    let mut p = [0.0; PARAMETERS];
+    p[..values.len()].copy_from_slice(values);
+    p
+}
+
 fn finite_point(path: &str, p: [f32; 3]) -> Result<Vec3> {
     if p.iter().all(|x| x.is_finite()) {
         Ok(Vec3::from(p))
@@ -291,19 +313,23 @@ impl<'a> Builder<'a> {
         }
     }
 
-    fn push_material(&mut self, head: [u32; 4], color: [f32; 3], p: [f32; 8]) -> u32 {
+    fn push_material(&mut self, head: [u32; 4], color: [f32; 3], p: [f32; PARAMETERS]) -> u32 {
         let number = self.materials.len() as u32 / MATERIAL_RECORDS;
         self.materials.push(Record::words(head));
-        self.materials.push(Record([color[0], color[1], color[2], 0.0]));
+        self.materials.push(Record([color[0], color[1], color[2], p[8]]));
         self.materials.push(Record([p[0], p[1], p[2], p[3]]));
         self.materials.push(Record([p[4], p[5], p[6], p[7]]));
         number
     }
 
-    fn simple(&mut self, model: Model, path: &str, key: &str, texture: &Texture, p: [f32; 8]) -> Result<u32> {
+    fn simple(&mut self, model: Model, path: &str, key: &str, texture: &Texture, p: [f32; PARAMETERS]) -> Result<u32> {
         let (color, texture) = self.texture(&format!("{path}.{key}"), texture)?;
         self.features.models |= 1 << model as u32;
-        let inside = if matches!(model, Model::Dielectric | Model::RoughDielectric) { HAS_DIELECTRIC } else { 0 };
+        let inside = if matches!(model, Model::Dielectric | Model::RoughDielectric | Model::ThinDielectric) {
+            HAS_DIELECTRIC
+        } else {
+            0
+        };
         Ok(self.push_material([model as u32, texture, 0, inside], color, p))
     }
 
@@ -356,16 +382,19 @@ impl<'a> Builder<'a> {
     fn material(&mut self, path: &str, material: &'a MaterialDescription, depth: u32) -> Result<u32> {
         use MaterialDescription as M;
         match material {
-            M::Diffuse { reflectance } => self.simple(Model::Diffuse, path, "reflectance", reflectance, [0.0; 8]),
-            M::Mirror { reflectance } => self.simple(Model::Mirror, path, "reflectance", reflectance, [0.0; 8]),
+            M::Diffuse { reflectance } => {
+                self.simple(Model::Diffuse, path, "reflectance", reflectance, [0.0; PARAMETERS])
+            }
+            M::Mirror { reflectance } => {
+                self.simple(Model::Mirror, path, "reflectance", reflectance, [0.0; PARAMETERS])
+            }
             M::Dielectric { int_ior, ext_ior, alpha, alpha_u, alpha_v, tint } => {
-                let ior = |key: &str, x: f32| number(&format!("{path}.{key}"), x, 0.1..=100.0, "index of refraction");
-                let eta = ior("int_ior", *int_ior)? / ior("ext_ior", *ext_ior)?;
+                let eta = relative_index(path, *int_ior, *ext_ior)?;
                 let [u, v] = self.roughness(path, *alpha, *alpha_u, *alpha_v)?;
                 // With equal indices a rough boundary is no boundary either, and its half vectors are undefined.
                 let smooth = u.max(v) < SMOOTH || eta == 1.0;
                 let model = if smooth { Model::Dielectric } else { Model::RoughDielectric };
-                let p = [eta, 0.0, 0.0, 0.0, 0.0, 0.0, u.max(SMOOTH), v.max(SMOOTH)];
+                let p = [eta, 0.0, 0.0, 0.0, 0.0, 0.0, u.max(SMOOTH), v.max(SMOOTH), 0.0];
                 self.simple(model, path, "tint", tint, p)
             }
             M::Conductor { metal, eta, k, alpha, alpha_u, alpha_v, tint } => {
@@ -384,7 +413,7 @@ impl<'a> Builder<'a> {
                     path,
                     "tint",
                     tint,
-                    [eta[0], eta[1], eta[2], k[0], k[1], k[2], u.max(SMOOTH), v.max(SMOOTH)],
+                    [eta[0], eta[1], eta[2], k[0], k[1], k[2], u.max(SMOOTH), v.max(SMOOTH), 0.0],
                 )
             }
             M::Phong { reflectance, exponent, form } => {
@@ -394,6 +423,22 @@ impl<'a> Builder<'a> {
             M::BlinnPhong { reflectance, exponent, form } => {
                 let model = if *form == LobeForm::Lecture { Model::BlinnPhongLecture } else { Model::BlinnPhong };
                 self.lobe(model, path, reflectance, *exponent)
+            }
+            M::OrenNayar { reflectance, roughness } => {
+                let r = unit(path, "roughness", *roughness, "roughness")?;
+                self.simple(Model::OrenNayar, path, "reflectance", reflectance, first(&[r]))
+            }
+            M::AshikhminShirley { diffuse_reflectance, specular_reflectance, exponent_u, exponent_v } => {
+                let rs = reflectance(&format!("{path}.specular_reflectance"), *specular_reflectance)?;
+                let nu = exponent(&format!("{path}.exponent_u"), *exponent_u)?;
+                let nv = exponent(&format!("{path}.exponent_v"), *exponent_v)?;
+                self.features.tangents |= nu != nv;
+                let p = first(&[rs[0], rs[1], rs[2], nu, nv]);
+                self.simple(Model::AshikhminShirley, path, "diffuse_reflectance", diffuse_reflectance, p)
+            }
+            M::ThinDielectric { int_ior, ext_ior, tint } => {
+                let eta = relative_index(path, *int_ior, *ext_ior)?;
+                self.simple(Model::ThinDielectric, path, "tint", tint, first(&[eta]))
             }
             M::Mix { a, b, weight } => {
                 let weight = number(&format!("{path}.weight"), *weight, 0.0..=1.0, "weight; it lies within [0, 1]")?;
@@ -408,7 +453,7 @@ impl<'a> Builder<'a> {
                 }
                 self.features.mixes = true;
                 let inside = self.head(a)[3] | self.head(b)[3];
-                Ok(self.push_material([MIX, a, b, inside], [weight, 0.0, 0.0], [0.0; 8]))
+                Ok(self.push_material([MIX, a, b, inside], [weight, 0.0, 0.0], [0.0; PARAMETERS]))
             }
             M::TwoSided { front, back } => {
                 let a = self.material_ref(&format!("{path}.front"), front, depth + 1)?;
@@ -420,15 +465,14 @@ impl<'a> Builder<'a> {
                     self.check_opaque(&format!("{path}.{key}"), part)?;
                 }
                 self.features.two_sided = true;
-                Ok(self.push_material([TWO_SIDED, a, b, 0], [0.0; 3], [0.0; 8]))
+                Ok(self.push_material([TWO_SIDED, a, b, 0], [0.0; 3], [0.0; PARAMETERS]))
             }
         }
     }
 
-    fn lobe(&mut self, model: Model, path: &str, reflectance: &Texture, exponent: f32) -> Result<u32> {
-        let r =
-            number(&format!("{path}.exponent"), exponent, 0.0..=1e6, "exponent of a lobe; it lies within [0, 1e6]")?;
-        self.simple(model, path, "reflectance", reflectance, [r, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    fn lobe(&mut self, model: Model, path: &str, reflectance: &Texture, r: f32) -> Result<u32> {
+        let r = exponent(&format!("{path}.exponent"), r)?;
+        self.simple(model, path, "reflectance", reflectance, first(&[r]))
     }
 
     fn head(&self, material: u32) -> [u32; 4] {
@@ -536,7 +580,7 @@ impl<'a> Builder<'a> {
         if let Some(number) = self.named.get("") {
             return Ok(*number);
         }
-        let number = self.simple(Model::Diffuse, "", "reflectance", &Texture::grey(0.5), [0.0; 8])?;
+        let number = self.simple(Model::Diffuse, "", "reflectance", &Texture::grey(0.5), [0.0; PARAMETERS])?;
         self.named.insert("", number);
         Ok(number)
     }

@@ -194,6 +194,14 @@ fn half() -> Texture {
     Texture::grey(0.5)
 }
 
+fn half_number() -> f32 {
+    0.5
+}
+
+fn five_percent() -> Color {
+    Color([0.05; 3])
+}
+
 fn white() -> Texture {
     Texture::grey(1.0)
 }
@@ -315,6 +323,40 @@ pub enum MaterialDescription {
         /// Which form.
         #[serde(default)]
         form: LobeForm,
+    },
+    /// Oren and Nayar's rough diffuse surface, in its energy-preserving form.
+    OrenNayar {
+        /// ρ.
+        #[serde(default = "half")]
+        reflectance: Texture,
+        /// Roughness in [0, 1]; 0 is Lambert's.
+        #[serde(default = "half_number")]
+        roughness: f32,
+    },
+    /// Ashikhmin and Shirley's anisotropic lobe over a diffuse base.
+    AshikhminShirley {
+        /// Rd.
+        #[serde(default = "half")]
+        diffuse_reflectance: Texture,
+        /// Rs, the lobe's at normal incidence.
+        #[serde(default = "five_percent")]
+        specular_reflectance: Color,
+        /// Exponent along the tangent.
+        exponent_u: f32,
+        /// Exponent across the tangent.
+        exponent_v: f32,
+    },
+    /// A pane of glass without thickness.
+    ThinDielectric {
+        /// Index of refraction inside.
+        #[serde(default = "glass")]
+        int_ior: f32,
+        /// Index of refraction outside.
+        #[serde(default = "air")]
+        ext_ior: f32,
+        /// Factor on all it scatters; 1 for what is physical.
+        #[serde(default = "white")]
+        tint: Texture,
     },
     /// A share `weight` of `b`, the rest of `a`.
     Mix {

@@ -9,7 +9,7 @@ pub use build::{MeshSource, Resources, build};
 pub use description::SceneDescription;
 pub use surface::Surface;
 
-use crate::bsdf::{Bsdf, Lobe, Model};
+use crate::bsdf::{Bsdf, Lobe, Model, PARAMETERS};
 use crate::camera::Camera;
 use crate::emitter::{EmitterHit, EmitterSample, Emitters, LightSampler};
 use crate::film::Filter;
@@ -114,7 +114,7 @@ const IS_DISK: u32 = 8;
 /// Each of its primitives is an emitter of its own.
 const EMITTER_PER_PRIMITIVE: u32 = 16;
 
-/// Records of a material: [model, texture + 1, –, flags] (words), [colour, –], parameters, parameters. A mix: [MIX, a, b, flags]
+/// Records of a material: [model, texture + 1, –, flags] (words), [colour, last parameter], parameters, parameters. A mix: [MIX, a, b, flags]
 /// (words), [weight of b, –, –, –]. A two-sided one: [TWO_SIDED, front, back, –] (words).
 const MATERIAL_RECORDS: u32 = 4;
 /// The model word of a mix.
@@ -246,7 +246,8 @@ impl Scene {
                 head = F::words(&self.materials, at(material, 0));
             }
         }
-        let mut color = Rgb::of_record(record(material, 1));
+        let first = record(material, 1);
+        let mut color = Rgb::of_record(first);
         if !self.textures.is_empty() {
             let textured = mask & head[1].ne(F::Index::splat(0));
             if textured.any() {
@@ -255,10 +256,10 @@ impl Scene {
             }
         }
         let p = if self.features.models & !(1 << Model::Diffuse as u32 | 1 << Model::Mirror as u32) == 0 {
-            [F::zero(); 8]
+            [F::zero(); PARAMETERS]
         } else {
             let (a, b) = (record(material, 2), record(material, 3));
-            [a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3]]
+            [a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3], first[3]]
         };
         Bsdf::new(head[0], self.features.models, Lobe { color, p }, frame, ng, mask)
     }
