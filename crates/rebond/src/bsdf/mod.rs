@@ -5,9 +5,11 @@
 //! two things that are the same for all: the agreement of shading and geometric normals, and the correction that makes
 //! scattering with shading normals adjoint (Veach 1997, §5.3.2). Directions point away from the surface.
 
+mod albedo;
 mod ashikhmin_shirley;
 mod blinn_phong;
 pub mod check;
+mod compensated_conductor;
 mod conductor;
 mod dielectric;
 mod diffuse;
@@ -17,6 +19,8 @@ pub use ggx::SMOOTH;
 mod mirror;
 mod oren_nayar;
 mod phong;
+mod plastic;
+mod principled;
 mod rough_conductor;
 mod rough_dielectric;
 mod thin_dielectric;
@@ -66,11 +70,17 @@ pub enum Model {
     AshikhminShirley,
     /// A pane of smooth glass.
     ThinDielectric,
+    /// A diffuse base under a GGX coat.
+    Plastic,
+    /// GGX metal with what its facets exchange.
+    CompensatedConductor,
+    /// Metal, plastic or glass under sheen and clearcoat.
+    Principled,
 }
 
 impl Model {
     /// Every model, in the order of their numbers.
-    pub const ALL: [Model; 13] = [
+    pub const ALL: [Model; 16] = [
         Model::Diffuse,
         Model::Mirror,
         Model::Dielectric,
@@ -84,6 +94,9 @@ impl Model {
         Model::OrenNayar,
         Model::AshikhminShirley,
         Model::ThinDielectric,
+        Model::Plastic,
+        Model::CompensatedConductor,
+        Model::Principled,
     ];
 
     /// What the model claims. The lecture prints its lobes as BRDFs, so they claim what a BRDF must be.
@@ -268,6 +281,9 @@ impl<F: Real> Bsdf<F> {
                 Model::BlinnPhongLecture => blinn_phong::eval_lecture(&self.lobe, a, b),
                 Model::OrenNayar => oren_nayar::eval(&self.lobe, a, b),
                 Model::AshikhminShirley => ashikhmin_shirley::eval(&self.lobe, a, b),
+                Model::Plastic => plastic::eval(&self.lobe, a, b),
+                Model::CompensatedConductor => compensated_conductor::eval(&self.lobe, a, b),
+                Model::Principled => principled::eval(self.lobe, a, b, mode),
             };
             let v = v.masked(lanes);
             value = BsdfValue { f: value.f + v.f, pdf: PdfSolidAngle(value.pdf.0 + v.pdf.0) };
@@ -304,6 +320,9 @@ impl<F: Real> Bsdf<F> {
                 Model::OrenNayar => oren_nayar::sample(&self.lobe, a, u),
                 Model::AshikhminShirley => ashikhmin_shirley::sample(&self.lobe, a, u, choice()),
                 Model::ThinDielectric => thin_dielectric::sample(&self.lobe, a, choice()),
+                Model::Plastic => plastic::sample(&self.lobe, a, u, choice()),
+                Model::CompensatedConductor => compensated_conductor::sample(&self.lobe, a, u, choice()),
+                Model::Principled => principled::sample(self.lobe, a, u, choice(), mode),
             };
             sample = if lanes.all() { s } else { BsdfSample::select(lanes, s, sample) };
         });
@@ -339,13 +358,20 @@ impl Bsdf<f32> {
             | Model::BlinnPhong
             | Model::BlinnPhongLecture
             | Model::OrenNayar
-            | Model::AshikhminShirley => false,
+            | Model::AshikhminShirley
+            | Model::Plastic
+            | Model::CompensatedConductor => false,
+            Model::Principled => self.lobe.p[1] > 0.0 && self.lobe.p[0] < 1.0,
         }
     }
 
     /// The index of the inside over the outside, where light is bent on its way through.
     pub fn index_inside(&self) -> Option<f32> {
-        matches!(self.model(), Model::Dielectric | Model::RoughDielectric).then(|| self.lobe.p[0])
+        match self.model() {
+            Model::Dielectric | Model::RoughDielectric => Some(self.lobe.p[0]),
+            Model::Principled if self.transmits() => Some(self.lobe.p[2]),
+            _ => None,
+        }
     }
 }
 
