@@ -131,7 +131,7 @@ fn hemispheres(out: &mut String, material: &Material, top: f64) -> f64 {
     let mut y = top + 20.0;
     let _ = writeln!(
         out,
-        "<text x=\"20\" y=\"{y:.0}\">f towards each direction, seen from above; dot: the light; colours over {DECADES} powers of ten</text>"
+        "<text x=\"20\" y=\"{y:.0}\">f towards each direction, seen from above; ring: the light; colours over {DECADES} powers of ten</text>"
     );
     for (below, name) in sides {
         let cy = y + DISK_RADIUS + 34.0;

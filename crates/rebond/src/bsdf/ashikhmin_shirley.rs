@@ -26,7 +26,8 @@ fn fifth<F: Real>(x: F) -> F {
 #[inline(always)]
 fn share_of_base<F: Real>(lobe: &Lobe<F>) -> F {
     let lit = |c: Rgb<F>| F::select(c.is_lit(), F::one(), F::zero());
-    let (base, gloss) = (lit(lobe.color), lit(Rgb::new(lobe.p[0], lobe.p[1], lobe.p[2])));
+    let specular = Rgb::new(lobe.p[0], lobe.p[1], lobe.p[2]);
+    let (base, gloss) = (lit(lobe.color * specular.map(|rs| F::one() - rs)), lit(specular));
     F::select(base.gt(F::zero()), base / (base + gloss), F::zero())
 }
 
@@ -34,8 +35,11 @@ fn share_of_base<F: Real>(lobe: &Lobe<F>) -> F {
 pub fn eval<F: Real>(lobe: &Lobe<F>, a: Vec3<F>, b: Vec3<F>) -> BsdfValue<F> {
     let (nu, nv) = (lobe.p[3], lobe.p[4]);
     let specular = Rgb::new(lobe.p[0], lobe.p[1], lobe.p[2]);
-    let h = (a + b).normalized();
-    let a_h = a.dot(h);
+    let sum = a + b;
+    let length = sum.length();
+    let h = sum * length.recip();
+    // a·h, the same from both sides to the last digit.
+    let a_h = length * 0.5;
     let sin2 = h.x * h.x + h.y * h.y;
     // 1 − cos² keeps no digits near the pole, where the exponent does not matter.
     let along = F::select(sin2.gt(F::splat(1e-20)), h.x * h.x / sin2, F::splat(0.5));

@@ -52,6 +52,7 @@ fn models() -> Vec<(&'static str, Model, [f32; PARAMETERS])> {
         ("oren-nayar 1", Model::OrenNayar, r(1.0)),
         ("ashikhmin-shirley", Model::AshikhminShirley, ashikhmin(0.05, 40.0, 40.0)),
         ("brushed ashikhmin-shirley", Model::AshikhminShirley, ashikhmin(0.3, 10.0, 500.0)),
+        ("all gloss ashikhmin-shirley", Model::AshikhminShirley, [1.0, 1.0, 1.0, 1000.0, 30.0, 0.0, 0.0, 0.0, 0.0]),
         ("broad ashikhmin-shirley", Model::AshikhminShirley, ashikhmin(0.8, 2.0, 1.0)),
         ("ashikhmin-shirley without gloss", Model::AshikhminShirley, ashikhmin(0.0, 100.0, 10.0)),
         ("plastic", Model::Plastic, plastic(1.5, 0.0, 0.1)),
@@ -67,6 +68,7 @@ fn models() -> Vec<(&'static str, Model, [f32; PARAMETERS])> {
         ("principled metal", Model::Principled, [1.0, 0.0, 1.5, 0.04, 0.0, 0.03, 0.1, 0.4, 0.0]),
         ("principled glass", Model::Principled, [0.0, 1.0, 1.45, 0.034, 0.0, 0.03, 0.2, 0.2, 0.0]),
         ("principled lacquer", Model::Principled, [0.3, 0.0, 1.5, 0.08, 1.0, 0.05, 0.5, 0.5, 0.0]),
+        ("principled varnish", Model::Principled, [0.3, 0.0, 1.5, 0.04, 1.0, 0.01, 0.25, 0.25, 0.0]),
         ("principled cloth", Model::Principled, [0.0, 0.0, 1.5, 0.04, 0.0, 0.03, 0.9, 0.9, 1.0]),
         ("principled all at once", Model::Principled, [0.3, 0.4, 1.6, 0.06, 0.7, 0.1, 0.15, 0.5, 0.6]),
     ]
