@@ -128,7 +128,7 @@ pub trait Filter: Sync {
     /// Whether it keeps every hit, so that it need not be asked.
     const KEEPS_ALL: bool = false;
     /// Whether the ray stops at this point of a primitive. `u` and `v` are a triangle's barycentric coordinates as in
-    /// [`Hit`], 0 for other primitives. Called for any candidate on the way, in no order, more than once for some.
+    /// [`Hit`]; for other primitives u is the distance along the ray and v is 0. Called for any candidate on the way, in no order, more than once for some.
     fn keep(&self, primitive: u32, instance: u32, u: f32, v: f32) -> bool;
 }
 

@@ -27,7 +27,7 @@ impl<K: Filter> Shapes for Solid<'_, K> {
     fn closest(&self, shape: &Shape, ray: &SingleRay, best: &mut Best) {
         let primitive = shape.primitive();
         for t in shape.roots(ray.o, ray.d) {
-            if best.yields_to(t, primitive, self.instance) && self.filter.keep(primitive, self.instance, 0.0, 0.0) {
+            if best.yields_to(t, primitive, self.instance) && self.filter.keep(primitive, self.instance, t, 0.0) {
                 *best = Best { t, u: 0.0, v: 0.0, primitive, instance: self.instance };
             }
         }
@@ -36,7 +36,7 @@ impl<K: Filter> Shapes for Solid<'_, K> {
         shape
             .roots(ray.o, ray.d)
             .into_iter()
-            .any(|t| 0.0 < t && t <= tmax && self.filter.keep(shape.primitive(), self.instance, 0.0, 0.0))
+            .any(|t| 0.0 < t && t <= tmax && self.filter.keep(shape.primitive(), self.instance, t, 0.0))
     }
 }
 

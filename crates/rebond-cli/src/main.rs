@@ -1,7 +1,9 @@
 //! The `rebond` program: arguments, progress, reports.
 
+mod bsdf;
 mod diff;
 mod list;
+mod lobe_plot;
 mod output;
 mod progress;
 mod render;
@@ -26,6 +28,8 @@ enum Command {
     Render(render::Arguments),
     /// Measure how far apart two images are.
     Diff(diff::Arguments),
+    /// Check that a material is what it claims to be, and draw its lobe.
+    Bsdf(bsdf::Arguments),
     /// List the built-in scenes.
     Scenes(list::JsonFlag),
     /// Say what a scene is made of.
@@ -40,6 +44,8 @@ enum Failure {
     Input(Box<rebond_io::Error>),
     /// The run failed: exit code 1.
     Run(String),
+    /// A material is not what it claims to be, as has been said: exit code 1.
+    Claims,
     /// Interrupted; what was rendered is written: exit code 130.
     Interrupted,
 }
@@ -61,6 +67,7 @@ fn main() -> ExitCode {
     let outcome = match Arguments::parse().command {
         Command::Render(a) => render::run(&a),
         Command::Diff(a) => diff::run(&a),
+        Command::Bsdf(a) => bsdf::run(&a),
         Command::Scenes(a) => list::scenes(&a),
         Command::Info(a) => list::info(&a),
         Command::Integrators(a) => list::integrators(&a),
@@ -75,6 +82,7 @@ fn main() -> ExitCode {
             output::note(&format!("error: {message}"));
             ExitCode::from(1)
         }
+        Err(Failure::Claims) => ExitCode::from(1),
         Err(Failure::Interrupted) => {
             output::note("interrupted");
             ExitCode::from(130)

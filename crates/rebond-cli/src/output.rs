@@ -56,10 +56,19 @@ pub fn write(image: &Image, paths: &[PathBuf], png: &PngOptions) -> Result<(), F
     Err(Failure::Run(format!("{}; {outcome}", failed.join("; "))))
 }
 
-/// Writes beside the file and renames, so that a failure leaves no half of one.
+/// Writes a text to a file.
+pub fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
+    write_bytes(path, text.as_bytes()).map_err(|e| Failure::Run(format!("cannot write \"{}\": {e}", path.display())))
+}
+
 fn write_one(image: &Image, path: &Path, png: &PngOptions) -> Result<(), String> {
     let format = ImageFormat::of_name(&path.to_string_lossy()).map_err(|e| e.message)?;
     let bytes = write_image(image, format, png).map_err(|e| e.message)?;
+    write_bytes(path, &bytes)
+}
+
+/// Writes beside the file and renames, so that a failure leaves no half of one.
+fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), String> {
     let mut beside = path.as_os_str().to_owned();
     beside.push(".part");
     let written = std::fs::write(&beside, bytes).and_then(|()| std::fs::rename(&beside, path));

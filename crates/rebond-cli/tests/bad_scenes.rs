@@ -90,6 +90,15 @@ const KEYS: &[Mistake] = &[
     ("max_depth = 4", "@max_dept = 4", r#"did you mean "max_depth"?"#),
     ("radius = 1 }", "@stddev = 1 }", r#"unknown key "stddev""#),
     (r#"type = "sobol""#, "type = \"sobol\"\n@samples = 4", r#"unknown key "samples""#),
+    (r#""diffuse", reflectance = 0.5"#, r#""oren-nayar", @sigma = 20"#, "valid keys: reflectance, roughness"),
+    (r#""diffuse", reflectance = 0.5"#, r#""thin-dielectric", @alpha = 0.1"#, "valid keys: int_ior, ext_ior, tint"),
+    (
+        r#""diffuse", reflectance = 0.5"#,
+        r#""ashikhmin-shirley", exponent_u = 1, exponent_v = 1, @reflectance = 1"#,
+        "valid keys: diffuse_reflectance, specular_reflectance, exponent_u, exponent_v",
+    ),
+    (r#""diffuse", reflectance = 0.5"#, r#""plastic", @reflectance = 1"#, "valid keys: diffuse_reflectance, int_ior"),
+    (r#""diffuse", reflectance = 0.5"#, r#""principled", @metalic = 1"#, r#"did you mean "metallic"?"#),
     // Missing ones are missed where they belong.
     ("{ type = \"phong\", exponent = 20,", "@{ type = \"phong\",", r#"the key "exponent" is missing"#),
     (r#"{ type = "mix", a = "grey","#, r#"@{ type = "mix","#, r#"the key "a" is missing"#),
@@ -161,6 +170,29 @@ const VALUES: &[Mistake] = &[
         "both `eta` and `k`",
     ),
     (r#""diffuse", reflectance = 0.5"#, r#""dielectric", @int_ior = 0"#, "0 is no index of refraction"),
+    (r#""diffuse", reflectance = 0.5"#, r#""oren-nayar", @roughness = 1.5"#, "1.5 is no roughness"),
+    (r#""diffuse", reflectance = 0.5"#, r#""oren-nayar", @reflectance = 2"#, "a reflectance lies within [0, 1]"),
+    (
+        r#""diffuse", reflectance = 0.5"#,
+        r#""ashikhmin-shirley", exponent_u = 1, @exponent_v = -2"#,
+        "-2 is no exponent",
+    ),
+    (
+        r#""diffuse", reflectance = 0.5"#,
+        r#""ashikhmin-shirley", exponent_u = 1, exponent_v = 1, @specular_reflectance = [0, 0, 3]"#,
+        "a reflectance lies within [0, 1]",
+    ),
+    (r#""diffuse", reflectance = 0.5"#, r#""thin-dielectric", @ext_ior = 1e9"#, "1000000000 is no index of refraction"),
+    (
+        r#""diffuse", reflectance = 0.5"#,
+        r#""conductor", alpha_u = 0.2, alpha_v = 0.1, @compensate = true"#,
+        "compensation of an anisotropic metal",
+    ),
+    (r#""diffuse", reflectance = 0.5"#, r#""plastic", @alpha = 1.1"#, "1.1 is no roughness"),
+    (r#""diffuse", reflectance = 0.5"#, r#""plastic", @int_ior = 0.9"#, "a coat of lower index"),
+    (r#""diffuse", reflectance = 0.5"#, r#""principled", @metallic = -0.1"#, "-0.1 is no share of metal"),
+    (r#""diffuse", reflectance = 0.5"#, r#""principled", @ior = 0.5"#, "0.5 is no index of refraction"),
+    (r#""diffuse", reflectance = 0.5"#, r#""principled", @base_color = 1.5"#, "a reflectance lies within [0, 1]"),
     ("emission = 5", "@emission = -5", "light is finite and not negative"),
     ("intensity = 10", "@intensity = [1, -1, 1]", "light is finite and not negative"),
     (LAMP, "type = \"constant\"\n@radiance = -1", "light is finite and not negative"),
@@ -205,6 +237,55 @@ const VALUES: &[Mistake] = &[
         "the matrix is singular",
     ),
     ("to_world = [{ rotate", "to_world = [{ @scale = [0, 1, 1] }, { rotate", "scaling by 0"),
+];
+
+const HOLES: &[Mistake] = &[
+    (r#""diffuse", reflectance = 0.5"#, r#""mask", material = { type = "mirror" }, @opacity = 2"#, "2 is no opacity"),
+    (
+        r#""diffuse", reflectance = 0.5"#,
+        r#""mask", material = { type = "mirror" }, @opacity = [0, 1, 1]"#,
+        "an opacity is one number",
+    ),
+    (
+        r#""diffuse", reflectance = 0.5"#,
+        r#""mask", material = { type = "mirror" }, opacity = { @image = "none.png" }"#,
+        "none.png",
+    ),
+    (
+        r#"{ type = "mix", a = "grey","#,
+        r#"{ type = "mix", @a = { type = "mask", opacity = 1, material = "grey" },"#,
+        "a mask within another material",
+    ),
+    (
+        r#"{ type = "mix", a = "grey", b = "shiny", weight = 0.5 }"#,
+        r#"{ type = "two-sided", @front = { type = "mask", opacity = 1, material = "grey" } }"#,
+        "a mask within another material",
+    ),
+    (
+        BALL,
+        "type = \"sphere\"\n@material = { type = \"mask\", opacity = { image = \"grey.pfm\" }, material = \"grey\" }",
+        "an image of opacity on a sphere",
+    ),
+    (
+        "emission = 5",
+        "@emission = 5\nmaterial = { type = \"mask\", opacity = 0.5, material = \"grey\" }",
+        "a shape with holes cannot shine",
+    ),
+    (
+        r#""diffuse", reflectance = 0.5"#,
+        r#""bump-map", material = { type = "mirror" }, scale = 1, bump_map = { @image = "bright.pfm" }"#,
+        "values of a map lie within [0, 1]",
+    ),
+    (
+        r#""diffuse", reflectance = 0.5"#,
+        r#""normal-map", @material = { type = "two-sided", front = "shiny" }, normal_map = { image = "grey.pfm" }"#,
+        "a two-sided material under a map",
+    ),
+    (
+        r#"{ type = "diffuse", reflectance = 0.5 }"#,
+        r#"@{ type = "bump-map", material = "shiny", bump_map = { image = "grey.pfm" } }"#,
+        r#"the key "scale" is missing"#,
+    ),
 ];
 
 const NAMES: &[Mistake] = &[
@@ -256,6 +337,7 @@ fn write_files(folder: &Path) {
     write("empty.obj", b"# nothing\n");
     let png = include_bytes!("../../../scenes/checker.png");
     write("cut.png", &png[..png.len() / 2]);
+    write("grey.pfm", &[b"PF\n1 1\n-1.0\n".as_slice(), &0.5f32.to_le_bytes().repeat(3)].concat());
     write("bright.pfm", &[b"PF\n1 1\n-1.0\n".as_slice(), &2f32.to_le_bytes().repeat(3)].concat());
 }
 
@@ -338,6 +420,11 @@ fn wrong_values() {
 }
 
 #[test]
+fn wrong_holes_and_maps() {
+    refuse_all(HOLES);
+}
+
+#[test]
 fn wrong_names() {
     refuse_all(NAMES);
 }
@@ -396,6 +483,14 @@ const COMMANDS: &[(&[&str], &str, Option<&str>)] = &[
     (&["render", "furnace", "-i", "path:mode=best"], r#"unknown value "best""#, Some("column 11 of `path:mode=best`")),
     (&["render", "furnace", "-i", "path:max_depth"], "has no value", Some("column 6 of `path:max_depth`")),
     (&["render", "furnace", "-i", ""], "a name is missing", Some("column 1 of ``")),
+    (&["bsdf", "phnog:exponent=3"], r#"did you mean "phong"?"#, Some("column 1 of `phnog:exponent=3`")),
+    (&["bsdf", "phong"], r#"the key "exponent" is missing"#, Some("column 1 of `phong`")),
+    (&["bsdf", "phong:exponent=-3"], "-3 is no exponent", Some("column 7 of `phong:exponent=-3`")),
+    (&["bsdf", "diffuse:reflectance=[1,2,0]"], "within [0, 1]", Some("column 9 of `diffuse:reflectance=[1,2,0]`")),
+    (&["bsdf", "glossy-spheres#silver"], "there are: blinn300, blinn60,", None),
+    (&["bsdf", "glossy-sphere#gold"], r#"did you mean "glossy-spheres"?"#, None),
+    (&["bsdf", "diffuse", "-o", "x.png"], "neither a folder nor an SVG file", None),
+    (&["bsdf", "diffuse", "-o", "/no/such/folder/x.svg"], r#"there is no folder "/no/such/folder""#, None),
     (&["render", "furnace", "-o", "x.bmp"], r#"unknown image format "bmp""#, Some("x.bmp")),
     (&["render", "furnace", "-o", "x.jpg"], "JPEG is only read, never written", Some("x.jpg")),
     (&["render", "furnace", "-o", "x"], "the name has no extension", Some("x")),

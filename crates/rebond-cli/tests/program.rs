@@ -342,3 +342,47 @@ fn pictures_of_different_sizes_are_not_compared() {
     assert!(output.stdout.is_empty());
     assert!(text(&output.stderr).starts_with("error: the images have different sizes, 20x18 and 9x8\n"));
 }
+
+#[test]
+fn materials_are_what_they_claim() {
+    let folder = temporary();
+    let good = answer(&folder, &["bsdf", "oren-nayar:reflectance=0.9,roughness=0.8"]);
+    for property in ["positivity", "reciprocity", "energy", "sampling"] {
+        let line = good.lines().find(|l| l.starts_with(property)).expect(property);
+        assert_eq!(line.split_whitespace().take(3).collect::<Vec<_>>(), [property, "yes", "yes"], "{good}");
+    }
+    // The lecture's Phong says where it breaks its word.
+    let lecture = run(&folder, &["bsdf", "phong:form=lecture,exponent=60,reflectance=1"]);
+    assert_eq!((lecture.status.code(), text(&lecture.stderr).as_str()), (Some(1), ""));
+    let said = text(&lecture.stdout);
+    for (property, holds) in [("positivity", "yes"), ("reciprocity", "NO"), ("energy", "NO"), ("sampling", "yes")] {
+        let line = said.lines().find(|l| l.starts_with(property)).expect(property);
+        assert_eq!(line.split_whitespace().nth(2), Some(holds), "{said}");
+        assert_eq!(line.contains('°'), holds == "NO", "{said}");
+    }
+    let lecture = run(&folder, &["bsdf", "phong:form=lecture,exponent=60,reflectance=1", "--json"]);
+    let found = json(&text(&lecture.stdout));
+    assert_eq!((&found["holds"], &found["reciprocity"]["holds"]), (&Value::from(false), &Value::from(false)));
+    let first = &found["energy"]["first_excess"];
+    assert!(first["theta"].as_f64() > Some(45.0) && first["albedo"].as_f64() > Some(1.0), "{first}");
+    // Its energy-conserving form does not, nor does a mix of a scene.
+    for material in ["phong:exponent=60,reflectance=1", "glossy-spheres#lacquer", "point-lights#plane"] {
+        let found = json(&answer(&folder, &["bsdf", material, "--json"]));
+        assert_eq!(found["holds"], true, "{material}: {found}");
+    }
+}
+
+#[test]
+fn lobes_are_drawn() {
+    let folder = temporary();
+    let glass = "dielectric:alpha=0.3";
+    answer(&folder, &["bsdf", glass, "-o", "glass.svg"]);
+    std::fs::create_dir(folder.path().join("plots")).expect("a folder");
+    answer(&folder, &["bsdf", glass, "-o", "plots"]);
+    assert_eq!(names_in(&folder.path().join("plots")), ["hemisphere.svg", "polar.svg"]);
+    for name in ["glass.svg", "plots/hemisphere.svg", "plots/polar.svg"] {
+        let svg = text(&bytes(&folder, name));
+        assert!(svg.starts_with("<svg") && svg.ends_with("</svg>\n") && !svg.contains("NaN"), "{name}");
+        assert!(svg.contains("light from 60°"), "{name}");
+    }
+}

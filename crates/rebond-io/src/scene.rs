@@ -3,8 +3,10 @@
 use crate::document::Document;
 use crate::error::{Error, Place};
 use crate::{from_toml, read_image, read_image_raw, read_obj, read_ply};
+use rebond::bsdf::check::Material;
 use rebond::film::Image;
-use rebond::scene::{BuildError, MeshSource, Resources, Scene, SceneDescription, build};
+use rebond::scene::description::MaterialRef;
+use rebond::scene::{BuildError, MeshSource, Resources, Scene, SceneDescription, build, material};
 use rebond::shape::MeshData;
 use rebond::texture::Encoding;
 use std::path::{Path, PathBuf};
@@ -139,6 +141,16 @@ impl SceneSource {
     /// Builds the scene.
     pub fn build(&self) -> Result<Scene, Error> {
         build(&self.description, &self.files).map_err(|e| self.locate(e))
+    }
+
+    /// One of the materials by itself, as its front looks.
+    pub fn material(&self, name: &str) -> Result<Material, Error> {
+        let reference = MaterialRef::Named(name.into());
+        material(&self.description, &reference, &self.files).map_err(|e| match e.path.as_str() {
+            // No place in the file named it.
+            "material" => Error { help: e.help, ..Error::new(e.message) },
+            _ => self.locate(e),
+        })
     }
 
     fn locate(&self, error: BuildError) -> Error {

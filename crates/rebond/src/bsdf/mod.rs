@@ -5,7 +5,11 @@
 //! two things that are the same for all: the agreement of shading and geometric normals, and the correction that makes
 //! scattering with shading normals adjoint (Veach 1997, §5.3.2). Directions point away from the surface.
 
+mod albedo;
+mod ashikhmin_shirley;
 mod blinn_phong;
+pub mod check;
+mod compensated_conductor;
 mod conductor;
 mod dielectric;
 mod diffuse;
@@ -13,9 +17,13 @@ pub mod fresnel;
 mod ggx;
 pub use ggx::SMOOTH;
 mod mirror;
+mod oren_nayar;
 mod phong;
+mod plastic;
+mod principled;
 mod rough_conductor;
 mod rough_dielectric;
+mod thin_dielectric;
 
 use crate::math::{Frame, Rgb, Vec3};
 use crate::sampling::PdfSolidAngle;
@@ -56,11 +64,23 @@ pub enum Model {
     BlinnPhong,
     /// Blinn and Phong's as the lecture prints it.
     BlinnPhongLecture,
+    /// Oren and Nayar's rough diffuse surface.
+    OrenNayar,
+    /// Ashikhmin and Shirley's anisotropic lobe over a diffuse base.
+    AshikhminShirley,
+    /// A pane of smooth glass.
+    ThinDielectric,
+    /// A diffuse base under a GGX coat.
+    Plastic,
+    /// GGX metal with what its facets exchange.
+    CompensatedConductor,
+    /// Metal, plastic or glass under sheen and clearcoat.
+    Principled,
 }
 
 impl Model {
     /// Every model, in the order of their numbers.
-    pub const ALL: [Model; 10] = [
+    pub const ALL: [Model; 16] = [
         Model::Diffuse,
         Model::Mirror,
         Model::Dielectric,
@@ -71,10 +91,24 @@ impl Model {
         Model::PhongLecture,
         Model::BlinnPhong,
         Model::BlinnPhongLecture,
+        Model::OrenNayar,
+        Model::AshikhminShirley,
+        Model::ThinDielectric,
+        Model::Plastic,
+        Model::CompensatedConductor,
+        Model::Principled,
     ];
 
+    /// What the model claims. The lecture prints its lobes as BRDFs, so they claim what a BRDF must be.
+    pub fn claims(self) -> check::Claims {
+        check::Claims { reciprocity: true, energy: true }
+    }
+
     /// Bit m: model m is specular.
-    const SPECULAR: u32 = 1 << Model::Mirror as u32 | 1 << Model::Dielectric as u32 | 1 << Model::Conductor as u32;
+    const SPECULAR: u32 = 1 << Model::Mirror as u32
+        | 1 << Model::Dielectric as u32
+        | 1 << Model::Conductor as u32
+        | 1 << Model::ThinDielectric as u32;
 
     /// Whether all of its light leaves in one or two single directions, which no other sampler can find.
     #[inline(always)]
@@ -83,13 +117,16 @@ impl Model {
     }
 }
 
+/// How many numbers describe a lobe besides its colour.
+pub const PARAMETERS: usize = 9;
+
 /// The parameters of a model; each says which it reads.
 #[derive(Clone, Copy, Debug)]
 pub struct Lobe<F: Real> {
     /// Reflectance or tint.
     pub color: Rgb<F>,
     /// Further parameters.
-    pub p: [F; 8],
+    pub p: [F; PARAMETERS],
 }
 
 /// The value of a BSDF for a pair of directions and the density with which it samples the second given the first.
@@ -234,14 +271,19 @@ impl<F: Real> Bsdf<F> {
         let mut value = BsdfValue::zero();
         self.each_model(mask, |model, lanes| {
             let v = match model {
-                Model::Mirror | Model::Dielectric | Model::Conductor => return,
+                Model::Mirror | Model::Dielectric | Model::Conductor | Model::ThinDielectric => return,
                 Model::Diffuse => diffuse::eval(&self.lobe, a, b),
                 Model::RoughDielectric => rough_dielectric::eval(&self.lobe, a, b, mode),
                 Model::RoughConductor => rough_conductor::eval(&self.lobe, a, b),
                 Model::Phong => phong::eval(&self.lobe, a, b),
-                Model::PhongLecture => phong::eval_lecture(&self.lobe, a, b),
+                Model::PhongLecture => phong::eval_lecture(&self.lobe, a, b, mode),
                 Model::BlinnPhong => blinn_phong::eval(&self.lobe, a, b),
                 Model::BlinnPhongLecture => blinn_phong::eval_lecture(&self.lobe, a, b),
+                Model::OrenNayar => oren_nayar::eval(&self.lobe, a, b),
+                Model::AshikhminShirley => ashikhmin_shirley::eval(&self.lobe, a, b),
+                Model::Plastic => plastic::eval(&self.lobe, a, b),
+                Model::CompensatedConductor => compensated_conductor::eval(&self.lobe, a, b),
+                Model::Principled => principled::eval(self.lobe, a, b, mode),
             };
             let v = v.masked(lanes);
             value = BsdfValue { f: value.f + v.f, pdf: PdfSolidAngle(value.pdf.0 + v.pdf.0) };
@@ -272,9 +314,15 @@ impl<F: Real> Bsdf<F> {
                 Model::RoughDielectric => rough_dielectric::sample(&self.lobe, a, u, choice(), mode),
                 Model::RoughConductor => rough_conductor::sample(&self.lobe, a, u),
                 Model::Phong => phong::sample(&self.lobe, a, u),
-                Model::PhongLecture => phong::sample_lecture(&self.lobe, a, u),
+                Model::PhongLecture => phong::sample_lecture(&self.lobe, a, u, mode),
                 Model::BlinnPhong => blinn_phong::sample(&self.lobe, a, u),
                 Model::BlinnPhongLecture => blinn_phong::sample_lecture(&self.lobe, a, u),
+                Model::OrenNayar => oren_nayar::sample(&self.lobe, a, u),
+                Model::AshikhminShirley => ashikhmin_shirley::sample(&self.lobe, a, u, choice()),
+                Model::ThinDielectric => thin_dielectric::sample(&self.lobe, a, choice()),
+                Model::Plastic => plastic::sample(&self.lobe, a, u, choice()),
+                Model::CompensatedConductor => compensated_conductor::sample(&self.lobe, a, u, choice()),
+                Model::Principled => principled::sample(self.lobe, a, u, choice(), mode),
             };
             sample = if lanes.all() { s } else { BsdfSample::select(lanes, s, sample) };
         });
@@ -283,6 +331,47 @@ impl<F: Real> Bsdf<F> {
         sample.w = w;
         sample.weight = sample.weight.masked(good) * self.adjoint(mode, known, a.z, w, z);
         sample
+    }
+}
+
+impl Bsdf<f32> {
+    /// Its model.
+    pub fn model(&self) -> Model {
+        Model::ALL[self.model.lane(0) as usize]
+    }
+
+    /// What it claims.
+    pub fn claims(&self) -> check::Claims {
+        self.model().claims()
+    }
+
+    /// Whether light passes to the other side.
+    pub fn transmits(&self) -> bool {
+        match self.model() {
+            Model::Dielectric | Model::RoughDielectric | Model::ThinDielectric => true,
+            Model::Diffuse
+            | Model::Mirror
+            | Model::Conductor
+            | Model::RoughConductor
+            | Model::Phong
+            | Model::PhongLecture
+            | Model::BlinnPhong
+            | Model::BlinnPhongLecture
+            | Model::OrenNayar
+            | Model::AshikhminShirley
+            | Model::Plastic
+            | Model::CompensatedConductor => false,
+            Model::Principled => self.lobe.p[1] > 0.0 && self.lobe.p[0] < 1.0,
+        }
+    }
+
+    /// The index of the inside over the outside, where light is bent on its way through.
+    pub fn index_inside(&self) -> Option<f32> {
+        match self.model() {
+            Model::Dielectric | Model::RoughDielectric => Some(self.lobe.p[0]),
+            Model::Principled if self.transmits() => Some(self.lobe.p[2]),
+            _ => None,
+        }
     }
 }
 

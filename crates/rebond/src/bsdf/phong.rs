@@ -1,9 +1,10 @@
 //! Phong's: a lobe `cosʳα` around the mirror direction. `p[0]` is r.
 //!
-//! The lecture prints `f_r = ρ (r+1)/2π · cosʳα / cosθi`. It is neither reciprocal nor bounded at grazing angles. The
+//! The lecture prints `f_r = ρ (r+1)/2π · cosʳα / cosθi`, θi on the light's side: the direction that is looked for on
+//! paths from the camera, the known one on paths from a light. It is neither reciprocal nor bounded at grazing angles. The
 //! default is the form that is both, `f_r = ρ (r+2)/2π · cosʳα` (Lafortune and Willems 1994).
 
-use super::{BsdfSample, BsdfValue, Lobe, both_above, reflect};
+use super::{BsdfSample, BsdfValue, Lobe, TransportMode, both_above, reflect};
 use crate::math::{Frame, Rgb, Vec3};
 use crate::sampling::PdfSolidAngle;
 use crate::sampling::warp::{power_cosine, power_of_cosine};
@@ -23,9 +24,13 @@ pub fn eval<F: Real>(lobe: &Lobe<F>, a: Vec3<F>, b: Vec3<F>) -> BsdfValue<F> {
 }
 
 #[inline(always)]
-pub fn eval_lecture<F: Real>(lobe: &Lobe<F>, a: Vec3<F>, b: Vec3<F>) -> BsdfValue<F> {
+pub fn eval_lecture<F: Real>(lobe: &Lobe<F>, a: Vec3<F>, b: Vec3<F>, mode: TransportMode) -> BsdfValue<F> {
     let pdf = lobe_value(a, b, lobe.p[0]) * (lobe.p[0] + 1.0);
-    BsdfValue { f: lobe.color * (pdf / b.z), pdf: PdfSolidAngle(pdf) }.masked(both_above(a, b))
+    let cos_i = match mode {
+        TransportMode::Radiance => b.z,
+        TransportMode::Importance => a.z,
+    };
+    BsdfValue { f: lobe.color * (pdf / cos_i), pdf: PdfSolidAngle(pdf) }.masked(both_above(a, b))
 }
 
 #[inline(always)]
@@ -43,7 +48,11 @@ pub fn sample<F: Real>(lobe: &Lobe<F>, a: Vec3<F>, u: [F; 2]) -> BsdfSample<F> {
 }
 
 #[inline(always)]
-pub fn sample_lecture<F: Real>(lobe: &Lobe<F>, a: Vec3<F>, u: [F; 2]) -> BsdfSample<F> {
+pub fn sample_lecture<F: Real>(lobe: &Lobe<F>, a: Vec3<F>, u: [F; 2], mode: TransportMode) -> BsdfSample<F> {
     let (b, pdf) = sample_lobe(a, lobe.p[0], u);
-    BsdfSample::glossy(b, Rgb::select(both_above(a, b), lobe.color, Rgb::black()), pdf)
+    let weight = match mode {
+        TransportMode::Radiance => lobe.color,
+        TransportMode::Importance => lobe.color * (b.z / a.z),
+    };
+    BsdfSample::glossy(b, Rgb::select(both_above(a, b), weight, Rgb::black()), pdf)
 }

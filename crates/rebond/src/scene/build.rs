@@ -6,18 +6,19 @@ use super::description::{
 };
 use super::transform::Motion;
 use super::{
-    BuildError, EMITTER_PER_PRIMITIVE, Features, HAS_NORMALS, HAS_UVS, IS_DISK, IS_SPHERE, MATERIAL_RECORDS, MIX,
-    Scene, SceneStatistics, TWO_SIDED,
+    BUMP_MAP, BuildError, EMITTER_PER_PRIMITIVE, Features, HAS_NORMALS, HAS_UVS, IS_DISK, IS_SPHERE, MASK,
+    MATERIAL_RECORDS, MIX, NORMAL_MAP, Scene, SceneStatistics, TWO_SIDED,
 };
-use crate::bsdf::{Model, SMOOTH};
+use crate::bsdf::{Bsdf, Lobe, Model, PARAMETERS, SMOOTH, check};
 use crate::camera::{Camera, Projection};
 use crate::emitter::{Emitter, Emitters, Environment, EnvironmentImage, LightSampler, NO_EMITTER, area_vector};
 use crate::film::{Filter, FilterSettings, Image, LARGEST_SAMPLE};
+use crate::math::{Frame, Rgb};
 use crate::shape::MeshData;
 use crate::texture::{Encoding, Textures};
 use glam::{DAffine3, DVec3, Vec3};
 use rebond_bvh::{Accel, BuildOptions, Disk, Geometry, Instance, Sphere};
-use rebond_lanes::Record;
+use rebond_lanes::{Record, scalar::Index1};
 use std::collections::BTreeMap;
 
 type Result<T> = std::result::Result<T, BuildError>;
@@ -73,6 +74,20 @@ pub fn build(description: &SceneDescription, resources: &dyn Resources) -> Resul
     let camera = camera(&description.camera, size)?;
     let filter = filter(description.film.filter)?;
     builder.finish(geometries, instances, camera, filter)
+}
+
+/// One material by itself, as its front looks at the centre of its textures, without holes and relief, in the frame (x, y, z). `material` is named in
+/// the description or given in place; errors within it call it `material`.
+pub fn material(
+    description: &SceneDescription,
+    material: &MaterialRef,
+    resources: &dyn Resources,
+) -> Result<check::Material> {
+    let mut builder = Builder::empty(description, resources);
+    let number = builder.material_ref("material", material, 0)?;
+    let mut parts = Vec::new();
+    builder.parts(number, 1.0, &mut parts);
+    Ok(check::Material::new(parts))
 }
 
 fn film_size(description: &SceneDescription) -> Result<[u32; 2]> {
@@ -153,6 +168,33 @@ fn reflectance(path: &str, c: Color) -> Result<[f32; 3]> {
     }
     Err(BuildError::new(path, "a reflectance lies within [0, 1]")
         .help("a surface cannot reflect more light than it receives"))
+}
+
+/// An image whose numbers are no colours.
+fn as_it_is(image: &ImageTexture) -> ImageTexture {
+    ImageTexture { encoding: Encoding::Linear, ..image.clone() }
+}
+
+/// A number in [0, 1].
+fn unit(path: &str, key: &str, x: f32, what: &str) -> Result<f32> {
+    number(&format!("{path}.{key}"), x, 0.0..=1.0, &format!("{what}; it lies within [0, 1]"))
+}
+
+fn exponent(path: &str, x: f32) -> Result<f32> {
+    number(path, x, 0.0..=1e6, "exponent of a lobe; it lies within [0, 1e6]")
+}
+
+/// The index of the inside over that of the outside.
+fn relative_index(path: &str, int_ior: f32, ext_ior: f32) -> Result<f32> {
+    let ior = |key: &str, x: f32| number(&format!("{path}.{key}"), x, 0.1..=100.0, "index of refraction");
+    Ok(ior("int_ior", int_ior)? / ior("ext_ior", ext_ior)?)
+}
+
+/// Parameters of which all but the first few are 0.
+fn first(values: &[f32]) -> [f32; PARAMETERS] {
+    let mut p = [0.0; PARAMETERS];
+    p[..values.len()].copy_from_slice(values);
+    p
 }
 
 fn finite_point(path: &str, p: [f32; 3]) -> Result<Vec3> {
@@ -291,19 +333,23 @@ impl<'a> Builder<'a> {
         }
     }
 
-    fn push_material(&mut self, head: [u32; 4], color: [f32; 3], p: [f32; 8]) -> u32 {
+    fn push_material(&mut self, head: [u32; 4], color: [f32; 3], p: [f32; PARAMETERS]) -> u32 {
         let number = self.materials.len() as u32 / MATERIAL_RECORDS;
         self.materials.push(Record::words(head));
-        self.materials.push(Record([color[0], color[1], color[2], 0.0]));
+        self.materials.push(Record([color[0], color[1], color[2], p[8]]));
         self.materials.push(Record([p[0], p[1], p[2], p[3]]));
         self.materials.push(Record([p[4], p[5], p[6], p[7]]));
         number
     }
 
-    fn simple(&mut self, model: Model, path: &str, key: &str, texture: &Texture, p: [f32; 8]) -> Result<u32> {
+    fn simple(&mut self, model: Model, path: &str, key: &str, texture: &Texture, p: [f32; PARAMETERS]) -> Result<u32> {
         let (color, texture) = self.texture(&format!("{path}.{key}"), texture)?;
         self.features.models |= 1 << model as u32;
-        let inside = if matches!(model, Model::Dielectric | Model::RoughDielectric) { HAS_DIELECTRIC } else { 0 };
+        let inside = if matches!(model, Model::Dielectric | Model::RoughDielectric | Model::ThinDielectric) {
+            HAS_DIELECTRIC
+        } else {
+            0
+        };
         Ok(self.push_material([model as u32, texture, 0, inside], color, p))
     }
 
@@ -313,7 +359,12 @@ impl<'a> Builder<'a> {
             Texture::Constant(c) => return Ok((reflectance(path, *c)?, 0)),
             Texture::Image(image) => image,
         };
-        let ImageTexture { image: file, encoding, wrap, filter, repeat } = image;
+        Ok(([1.0; 3], 1 + self.image_texture(path, image, "a reflectance lies within [0, 1]")?))
+    }
+
+    /// The number of an image whose values lie within [0, 1].
+    fn image_texture(&mut self, path: &str, texture: &ImageTexture, range: &str) -> Result<u32> {
+        let ImageTexture { image: file, encoding, wrap, filter, repeat } = texture;
         let path = format!("{path}.image");
         let (size, texels) = self.image(&path, file, *encoding)?;
         let (mut over, mut negative) = (0, 0);
@@ -323,12 +374,12 @@ impl<'a> Builder<'a> {
         }
         if over + negative > 0 {
             let message = format!("{over} texels of \"{file}\" are above 1 and {negative} below 0 or not finite");
-            return Err(BuildError::new(path, message).help("a reflectance lies within [0, 1]"));
+            return Err(BuildError::new(path, message).help(range));
         }
         if !repeat.iter().all(|r| r.is_finite()) {
             return Err(BuildError::new(path, "`repeat` is not finite"));
         }
-        Ok(([1.0; 3], 1 + self.textures.add(size, &texels, *wrap, *filter, *repeat)))
+        Ok(self.textures.add(size, &texels, *wrap, *filter, *repeat))
     }
 
     fn image(&self, path: &str, file: &str, encoding: Encoding) -> Result<([u32; 2], Vec<[f32; 3]>)> {
@@ -356,19 +407,22 @@ impl<'a> Builder<'a> {
     fn material(&mut self, path: &str, material: &'a MaterialDescription, depth: u32) -> Result<u32> {
         use MaterialDescription as M;
         match material {
-            M::Diffuse { reflectance } => self.simple(Model::Diffuse, path, "reflectance", reflectance, [0.0; 8]),
-            M::Mirror { reflectance } => self.simple(Model::Mirror, path, "reflectance", reflectance, [0.0; 8]),
+            M::Diffuse { reflectance } => {
+                self.simple(Model::Diffuse, path, "reflectance", reflectance, [0.0; PARAMETERS])
+            }
+            M::Mirror { reflectance } => {
+                self.simple(Model::Mirror, path, "reflectance", reflectance, [0.0; PARAMETERS])
+            }
             M::Dielectric { int_ior, ext_ior, alpha, alpha_u, alpha_v, tint } => {
-                let ior = |key: &str, x: f32| number(&format!("{path}.{key}"), x, 0.1..=100.0, "index of refraction");
-                let eta = ior("int_ior", *int_ior)? / ior("ext_ior", *ext_ior)?;
+                let eta = relative_index(path, *int_ior, *ext_ior)?;
                 let [u, v] = self.roughness(path, *alpha, *alpha_u, *alpha_v)?;
                 // With equal indices a rough boundary is no boundary either, and its half vectors are undefined.
                 let smooth = u.max(v) < SMOOTH || eta == 1.0;
                 let model = if smooth { Model::Dielectric } else { Model::RoughDielectric };
-                let p = [eta, 0.0, 0.0, 0.0, 0.0, 0.0, u.max(SMOOTH), v.max(SMOOTH)];
+                let p = [eta, 0.0, 0.0, 0.0, 0.0, 0.0, u.max(SMOOTH), v.max(SMOOTH), 0.0];
                 self.simple(model, path, "tint", tint, p)
             }
-            M::Conductor { metal, eta, k, alpha, alpha_u, alpha_v, tint } => {
+            M::Conductor { metal, eta, k, alpha, alpha_u, alpha_v, tint, compensate } => {
                 let (eta, k) = match (metal, eta, k) {
                     (Some(metal), None, None) => index_of(*metal),
                     (None, Some(eta), Some(k)) => {
@@ -378,13 +432,21 @@ impl<'a> Builder<'a> {
                     _ => return Err(BuildError::new(path, "a conductor needs either `metal`, or both `eta` and `k`")),
                 };
                 let [u, v] = self.roughness(path, *alpha, *alpha_u, *alpha_v)?;
-                let model = if u.max(v) < SMOOTH { Model::Conductor } else { Model::RoughConductor };
+                if *compensate && u != v {
+                    let error = BuildError::new(format!("{path}.compensate"), "compensation of an anisotropic metal");
+                    return Err(error.help("give one `alpha` for both directions, or leave out `compensate`"));
+                }
+                let model = match compensate {
+                    _ if u.max(v) < SMOOTH => Model::Conductor,
+                    true => Model::CompensatedConductor,
+                    false => Model::RoughConductor,
+                };
                 self.simple(
                     model,
                     path,
                     "tint",
                     tint,
-                    [eta[0], eta[1], eta[2], k[0], k[1], k[2], u.max(SMOOTH), v.max(SMOOTH)],
+                    [eta[0], eta[1], eta[2], k[0], k[1], k[2], u.max(SMOOTH), v.max(SMOOTH), 0.0],
                 )
             }
             M::Phong { reflectance, exponent, form } => {
@@ -395,11 +457,73 @@ impl<'a> Builder<'a> {
                 let model = if *form == LobeForm::Lecture { Model::BlinnPhongLecture } else { Model::BlinnPhong };
                 self.lobe(model, path, reflectance, *exponent)
             }
+            M::OrenNayar { reflectance, roughness } => {
+                let r = unit(path, "roughness", *roughness, "roughness")?;
+                self.simple(Model::OrenNayar, path, "reflectance", reflectance, first(&[r]))
+            }
+            M::AshikhminShirley { diffuse_reflectance, specular_reflectance, exponent_u, exponent_v } => {
+                let rs = reflectance(&format!("{path}.specular_reflectance"), *specular_reflectance)?;
+                let nu = exponent(&format!("{path}.exponent_u"), *exponent_u)?;
+                let nv = exponent(&format!("{path}.exponent_v"), *exponent_v)?;
+                self.features.tangents |= nu != nv;
+                let p = first(&[rs[0], rs[1], rs[2], nu, nv]);
+                self.simple(Model::AshikhminShirley, path, "diffuse_reflectance", diffuse_reflectance, p)
+            }
+            M::ThinDielectric { int_ior, ext_ior, tint } => {
+                let eta = relative_index(path, *int_ior, *ext_ior)?;
+                self.simple(Model::ThinDielectric, path, "tint", tint, first(&[eta]))
+            }
+            M::Plastic { diffuse_reflectance, int_ior, ext_ior, alpha, nonlinear } => {
+                let eta = relative_index(path, *int_ior, *ext_ior)?;
+                if eta < 1.0 {
+                    let error = BuildError::new(format!("{path}.int_ior"), "a coat of lower index than the outside");
+                    return Err(error.help("give an `int_ior` of at least `ext_ior`"));
+                }
+                let alpha = unit(path, "alpha", *alpha, "roughness")?.max(SMOOTH);
+                let p = [eta, f32::from(u8::from(*nonlinear)), 0.0, 0.0, 0.0, 0.0, alpha, 0.0, 0.0];
+                self.simple(Model::Plastic, path, "diffuse_reflectance", diffuse_reflectance, p)
+            }
+            M::Principled {
+                base_color,
+                metallic,
+                roughness,
+                anisotropic,
+                specular,
+                clearcoat,
+                clearcoat_roughness,
+                sheen,
+                transmission,
+                ior,
+            } => {
+                let metallic = unit(path, "metallic", *metallic, "share of metal")?;
+                let transmission = unit(path, "transmission", *transmission, "share of glass")?;
+                let alpha = unit(path, "roughness", *roughness, "roughness")?.powi(2);
+                let anisotropic = unit(path, "anisotropic", *anisotropic, "anisotropy")?;
+                let specular = unit(path, "specular", *specular, "strength of a reflection")?;
+                let clearcoat = unit(path, "clearcoat", *clearcoat, "weight")?;
+                let coat_alpha = unit(path, "clearcoat_roughness", *clearcoat_roughness, "roughness")?.powi(2);
+                let sheen = unit(path, "sheen", *sheen, "weight")?;
+                let ior = number(&format!("{path}.ior"), *ior, 1.0..=100.0, "index of refraction of at least 1")?;
+                // Half vectors of refraction need some difference of the indices.
+                let eta = ior.max(1.001);
+                let f0 = (2.0 * specular * ((ior - 1.0) / (ior + 1.0)).powi(2)).min(1.0);
+                // Burley 2012: an aspect of at most 10.
+                let aspect = (1.0 - 0.9 * anisotropic).sqrt();
+                let (ax, ay) = ((alpha / aspect).clamp(SMOOTH, 1.0), (alpha * aspect).max(SMOOTH));
+                self.features.tangents |= ax != ay;
+                let p = [metallic, transmission, eta, f0, clearcoat, coat_alpha.max(SMOOTH), ax, ay, sheen];
+                let number = self.simple(Model::Principled, path, "base_color", base_color, p)?;
+                if transmission > 0.0 && metallic < 1.0 {
+                    self.materials[(number * MATERIAL_RECORDS) as usize].0[3] = f32::from_bits(HAS_DIELECTRIC);
+                }
+                Ok(number)
+            }
             M::Mix { a, b, weight } => {
                 let weight = number(&format!("{path}.weight"), *weight, 0.0..=1.0, "weight; it lies within [0, 1]")?;
                 let a = self.material_ref(&format!("{path}.a"), a, depth + 1)?;
                 let b = self.material_ref(&format!("{path}.b"), b, depth + 1)?;
                 for (key, part) in [("a", a), ("b", b)] {
+                    self.check_whole(&format!("{path}.{key}"), part)?;
                     if self.head(part)[0] == TWO_SIDED {
                         let error = BuildError::new(format!("{path}.{key}"), "a two-sided material within a mix");
                         return Err(error
@@ -408,7 +532,34 @@ impl<'a> Builder<'a> {
                 }
                 self.features.mixes = true;
                 let inside = self.head(a)[3] | self.head(b)[3];
-                Ok(self.push_material([MIX, a, b, inside], [weight, 0.0, 0.0], [0.0; 8]))
+                Ok(self.push_material([MIX, a, b, inside], [weight, 0.0, 0.0], [0.0; PARAMETERS]))
+            }
+            M::Mask { opacity, material } => {
+                let inner = self.material_ref(&format!("{path}.material"), material, depth + 1)?;
+                self.check_whole(&format!("{path}.material"), inner)?;
+                let path = format!("{path}.opacity");
+                let (opacity, texture) = match opacity {
+                    Texture::Constant(c) => {
+                        let [r, g, b] = c.0;
+                        if r != g || g != b {
+                            let error = BuildError::new(path, "an opacity is one number");
+                            return Err(error.help("light of all colours meets the same surface"));
+                        }
+                        (number(&path, r, 0.0..=1.0, "opacity; it lies within [0, 1]")?, 0)
+                    }
+                    Texture::Image(image) => {
+                        (1.0, 1 + self.image_texture(&path, &as_it_is(image), "an opacity lies within [0, 1]")?)
+                    }
+                };
+                self.features.masks = true;
+                let inside = self.head(inner)[3];
+                Ok(self.push_material([MASK, inner, texture, inside], [opacity, 0.0, 0.0], [0.0; PARAMETERS]))
+            }
+            M::NormalMap { normal_map: image, scale, material } => {
+                self.map(NORMAL_MAP, path, "normal_map", image, *scale, material, depth)
+            }
+            M::BumpMap { bump_map: image, scale, material } => {
+                self.map(BUMP_MAP, path, "bump_map", image, *scale, material, depth)
             }
             M::TwoSided { front, back } => {
                 let a = self.material_ref(&format!("{path}.front"), front, depth + 1)?;
@@ -420,23 +571,98 @@ impl<'a> Builder<'a> {
                     self.check_opaque(&format!("{path}.{key}"), part)?;
                 }
                 self.features.two_sided = true;
-                Ok(self.push_material([TWO_SIDED, a, b, 0], [0.0; 3], [0.0; 8]))
+                Ok(self.push_material([TWO_SIDED, a, b, 0], [0.0; 3], [0.0; PARAMETERS]))
             }
         }
     }
 
-    fn lobe(&mut self, model: Model, path: &str, reflectance: &Texture, exponent: f32) -> Result<u32> {
-        let r =
-            number(&format!("{path}.exponent"), exponent, 0.0..=1e6, "exponent of a lobe; it lies within [0, 1e6]")?;
-        self.simple(model, path, "reflectance", reflectance, [r, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    fn lobe(&mut self, model: Model, path: &str, reflectance: &Texture, r: f32) -> Result<u32> {
+        let r = exponent(&format!("{path}.exponent"), r)?;
+        self.simple(model, path, "reflectance", reflectance, first(&[r]))
+    }
+
+    /// The BSDFs of a material with their shares.
+    fn parts(&self, material: u32, share: f32, parts: &mut Vec<(f32, Bsdf<f32>)>) {
+        let record = |n: u32| self.materials[(material * MATERIAL_RECORDS + n) as usize].0;
+        let head = self.head(material);
+        match head[0] {
+            MIX => {
+                let weight = record(1)[0];
+                self.parts(head[1], share * (1.0 - weight), parts);
+                self.parts(head[2], share * weight, parts);
+            }
+            TWO_SIDED | MASK | NORMAL_MAP | BUMP_MAP => self.parts(head[1], share, parts),
+            model => {
+                let ([r, g, b, last], p, q) = (record(1), record(2), record(3));
+                let mut color = Rgb::new(r, g, b);
+                if head[1] != 0 {
+                    color *= self.textures.eval(Index1(head[1] - 1), [0.5, 0.5]);
+                }
+                let p = [p[0], p[1], p[2], p[3], q[0], q[1], q[2], q[3], last];
+                let axis = |x, y, z| crate::math::vec3(x, y, z);
+                let frame = Frame { s: axis(1.0, 0.0, 0.0), t: axis(0.0, 1.0, 0.0), n: axis(0.0, 0.0, 1.0) };
+                let bsdf = Bsdf::new(Index1(model), 1 << model, Lobe { color, p }, frame, frame.n, true);
+                parts.push((share, bsdf));
+            }
+        }
     }
 
     fn head(&self, material: u32) -> [u32; 4] {
         self.materials[(material * MATERIAL_RECORDS) as usize].0.map(f32::to_bits)
     }
 
+    /// A material whose frame an image tilts.
+    #[expect(clippy::too_many_arguments)]
+    fn map(
+        &mut self,
+        kind: u32,
+        path: &str,
+        key: &str,
+        image: &ImageTexture,
+        scale: f32,
+        material: &'a MaterialRef,
+        depth: u32,
+    ) -> Result<u32> {
+        let place = format!("{path}.material");
+        let inner = self.material_ref(&place, material, depth + 1)?;
+        self.check_whole(&place, inner)?;
+        match self.head(inner)[0] {
+            TWO_SIDED => {
+                let error = BuildError::new(place, "a two-sided material under a map");
+                return Err(error.help("make the mapped material two-sided"));
+            }
+            _ if self.has_map(inner) => return Err(BuildError::new(place, "a map under another")),
+            _ => {}
+        }
+        let image = as_it_is(image);
+        let texture = self.image_texture(&format!("{path}.{key}"), &image, "values of a map lie within [0, 1]")?;
+        let scale = number(&format!("{path}.scale"), scale, -1e6..=1e6, "factor on a map")?;
+        (self.features.maps, self.features.tangents) = (true, true);
+        let inside = self.head(inner)[3];
+        Ok(self.push_material([kind, inner, texture, inside], [scale, 0.0, 0.0], [0.0; PARAMETERS]))
+    }
+
+    fn has_map(&self, material: u32) -> bool {
+        let head = self.head(material);
+        match head[0] {
+            NORMAL_MAP | BUMP_MAP => true,
+            MIX => self.has_map(head[1]) || self.has_map(head[2]),
+            _ => false,
+        }
+    }
+
+    /// Holes are the whole material's.
+    fn check_whole(&self, path: &str, part: u32) -> Result<()> {
+        if self.head(part)[0] == MASK {
+            let error = BuildError::new(path, "a mask within another material");
+            return Err(error.help("make the mask the outermost material of the shape"));
+        }
+        Ok(())
+    }
+
     fn check_opaque(&self, path: &str, material: u32) -> Result<()> {
         let head = self.head(material);
+        self.check_whole(path, material)?;
         if head[3] & HAS_DIELECTRIC != 0 {
             return Err(BuildError::new(path, "a dielectric already has two sides"));
         }
@@ -477,6 +703,17 @@ impl<'a> Builder<'a> {
             None => self.default_material()?,
         };
         let round = matches!(shape, S::Sphere(_) | S::Disk(_));
+        let head = self.head(material);
+        if head[0] == MASK {
+            if emission.is_some() {
+                let error = BuildError::new(format!("{path}.emission"), "a shape with holes cannot shine");
+                return Err(error.help("give it a material only, or make its mesh without what is not there"));
+            }
+            if round && head[2] != 0 {
+                let error = BuildError::new(format!("{path}.material"), "an image of opacity on a sphere or a disk");
+                return Err(error.help("give one number for its opacity, or use a mesh"));
+            }
+        }
         let motion = to_world.motion(&format!("{path}.to_world"))?;
         let placement = match motion.at_rest() {
             Some(m) if !m.is_finite() => {
@@ -536,7 +773,7 @@ impl<'a> Builder<'a> {
         if let Some(number) = self.named.get("") {
             return Ok(*number);
         }
-        let number = self.simple(Model::Diffuse, "", "reflectance", &Texture::grey(0.5), [0.0; 8])?;
+        let number = self.simple(Model::Diffuse, "", "reflectance", &Texture::grey(0.5), [0.0; PARAMETERS])?;
         self.named.insert("", number);
         Ok(number)
     }

@@ -194,6 +194,26 @@ fn half() -> Texture {
     Texture::grey(0.5)
 }
 
+fn half_number() -> f32 {
+    0.5
+}
+
+fn five_percent() -> Color {
+    Color([0.05; 3])
+}
+
+fn eighty_percent() -> Texture {
+    Texture::grey(0.8)
+}
+
+fn tenth() -> f32 {
+    0.1
+}
+
+fn three_percent() -> f32 {
+    0.03
+}
+
 fn white() -> Texture {
     Texture::grey(1.0)
 }
@@ -204,7 +224,7 @@ fn white() -> Texture {
 pub enum LobeForm {
     /// The energy-conserving one.
     #[default]
-    Normalized,
+    Energy,
     /// As the lecture prints it.
     Lecture,
 }
@@ -293,6 +313,9 @@ pub enum MaterialDescription {
         /// Factor on the reflectance; 1 for what is physical.
         #[serde(default = "white")]
         tint: Texture,
+        /// Give back the light that the facets of rough metal exchange.
+        #[serde(default)]
+        compensate: bool,
     },
     /// Phong's lobe around the mirror direction.
     Phong {
@@ -316,6 +339,91 @@ pub enum MaterialDescription {
         #[serde(default)]
         form: LobeForm,
     },
+    /// Oren and Nayar's rough diffuse surface, in its energy-preserving form.
+    OrenNayar {
+        /// ρ.
+        #[serde(default = "half")]
+        reflectance: Texture,
+        /// Roughness in [0, 1]; 0 is Lambert's.
+        #[serde(default = "half_number")]
+        roughness: f32,
+    },
+    /// Ashikhmin and Shirley's anisotropic lobe over a diffuse base.
+    AshikhminShirley {
+        /// Rd.
+        #[serde(default = "half")]
+        diffuse_reflectance: Texture,
+        /// Rs, the lobe's at normal incidence.
+        #[serde(default = "five_percent")]
+        specular_reflectance: Color,
+        /// Exponent along the tangent.
+        exponent_u: f32,
+        /// Exponent across the tangent.
+        exponent_v: f32,
+    },
+    /// A pane of glass without thickness.
+    ThinDielectric {
+        /// Index of refraction inside.
+        #[serde(default = "glass")]
+        int_ior: f32,
+        /// Index of refraction outside.
+        #[serde(default = "air")]
+        ext_ior: f32,
+        /// Factor on all it scatters; 1 for what is physical.
+        #[serde(default = "white")]
+        tint: Texture,
+    },
+    /// A diffuse base under a coat: plastic, varnish.
+    Plastic {
+        /// ρ of the base.
+        #[serde(default = "half")]
+        diffuse_reflectance: Texture,
+        /// Index of refraction of the coat.
+        #[serde(default = "glass")]
+        int_ior: f32,
+        /// Index of refraction outside.
+        #[serde(default = "air")]
+        ext_ior: f32,
+        /// GGX roughness of the coat.
+        #[serde(default = "tenth")]
+        alpha: f32,
+        /// Whether light that the coat throws back to the base is coloured again.
+        #[serde(default)]
+        nonlinear: bool,
+    },
+    /// Metal, plastic or glass under sheen and clearcoat, in the terms of glTF and Blender.
+    Principled {
+        /// Colour of the base.
+        #[serde(default = "eighty_percent")]
+        base_color: Texture,
+        /// 0 for plastic or glass, 1 for metal.
+        #[serde(default)]
+        metallic: f32,
+        /// Roughness of the base; α is its square.
+        #[serde(default = "half_number")]
+        roughness: f32,
+        /// How much the base is brushed along its tangent, in [0, 1].
+        #[serde(default)]
+        anisotropic: f32,
+        /// Strength of the reflection of what is no metal; 0.5 for what `ior` says.
+        #[serde(default = "half_number")]
+        specular: f32,
+        /// Weight of a clear varnish over all.
+        #[serde(default)]
+        clearcoat: f32,
+        /// Its roughness.
+        #[serde(default = "three_percent")]
+        clearcoat_roughness: f32,
+        /// Weight of light that grazes the fibres of a cloth.
+        #[serde(default)]
+        sheen: f32,
+        /// 0 for plastic, 1 for glass.
+        #[serde(default)]
+        transmission: f32,
+        /// Index of refraction inside.
+        #[serde(default = "glass")]
+        ior: f32,
+    },
     /// A share `weight` of `b`, the rest of `a`.
     Mix {
         /// The material at weight 0.
@@ -324,6 +432,33 @@ pub enum MaterialDescription {
         b: MaterialRef,
         /// Share of `b`, in [0, 1].
         weight: f32,
+    },
+    /// A material with holes: light passes straight through where it is not opaque.
+    Mask {
+        /// Share of light that meets the material, in [0, 1]. Images are taken as they are, by their luminance, and want a
+        /// mesh.
+        opacity: Texture,
+        /// The material where it is opaque.
+        material: MaterialRef,
+    },
+    /// A material whose shading normals are those of an image: (2r − 1, 2g − 1, 2b − 1) along ∂p/∂u, ∂p/∂v and the normal.
+    NormalMap {
+        /// The image; taken as it is.
+        normal_map: ImageTexture,
+        /// Factor on the tilt.
+        #[serde(default = "unit_radius")]
+        scale: f32,
+        /// What the surface is made of.
+        material: MaterialRef,
+    },
+    /// A material whose shading normals are those of a relief.
+    BumpMap {
+        /// Heights, by the luminance of an image; taken as it is.
+        bump_map: ImageTexture,
+        /// Height of white over black.
+        scale: f32,
+        /// What the surface is made of.
+        material: MaterialRef,
     },
     /// The same from both sides, or another one behind. Other opaque materials are black from behind.
     TwoSided {

@@ -5,18 +5,18 @@ pub mod description;
 mod surface;
 mod transform;
 
-pub use build::{MeshSource, Resources, build};
+pub use build::{MeshSource, Resources, build, material};
 pub use description::SceneDescription;
 pub use surface::Surface;
 
-use crate::bsdf::{Bsdf, Lobe, Model};
+use crate::bsdf::{Bsdf, Lobe, Model, PARAMETERS};
 use crate::camera::Camera;
 use crate::emitter::{EmitterHit, EmitterSample, Emitters, LightSampler};
 use crate::film::Filter;
 use crate::math::{Frame, Rgb, Vec3};
 use crate::texture::Textures;
 use rebond_bvh::{Accel, Hit, Ray, Trace};
-use rebond_lanes::{Index, Mask, Real, Record};
+use rebond_lanes::{Index, Mask, Real, Record, scalar::Index1};
 
 /// What is wrong with a description, and where.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -104,6 +104,10 @@ struct Features {
     two_sided: bool,
     tangents: bool,
     emissive_shapes: bool,
+    /// Some material has holes.
+    masks: bool,
+    /// Some material tilts its shading frame.
+    maps: bool,
 }
 
 /// Flags of a shape.
@@ -114,13 +118,21 @@ const IS_DISK: u32 = 8;
 /// Each of its primitives is an emitter of its own.
 const EMITTER_PER_PRIMITIVE: u32 = 16;
 
-/// Records of a material: [model, texture + 1, –, flags] (words), [colour, –], parameters, parameters. A mix: [MIX, a, b, flags]
-/// (words), [weight of b, –, –, –]. A two-sided one: [TWO_SIDED, front, back, –] (words).
+/// Records of a material: [model, texture + 1, –, flags] (words), [colour, last parameter], parameters, parameters. A mix: [MIX, a, b, flags]
+/// (words), [weight of b, –, –, –]. A two-sided one: [TWO_SIDED, front, back, –] (words). One with holes: [MASK, material,
+/// texture + 1, flags] (words), [opacity, –, –, –]. One whose frame tilts: [NORMAL_MAP or BUMP_MAP, material, texture,
+/// flags] (words), [scale, –, –, –].
 const MATERIAL_RECORDS: u32 = 4;
 /// The model word of a mix.
 const MIX: u32 = 1000;
 /// The model word of a two-sided material.
 const TWO_SIDED: u32 = 1001;
+/// The model word of a material with holes.
+const MASK: u32 = 1002;
+/// The model word of a material with a map of normals.
+const NORMAL_MAP: u32 = 1003;
+/// The model word of a material with a map of heights.
+const BUMP_MAP: u32 = 1004;
 
 impl Scene {
     /// The camera.
@@ -156,13 +168,57 @@ impl Scene {
     /// The first surface along each ray of `mask`. `coherent` rays start near one another and go the same way.
     #[inline(always)]
     pub fn intersect<F: Trace>(&self, ray: &Ray<F>, mask: F::Mask, coherent: bool) -> Hit<F> {
+        if self.features.masks {
+            return self.intersect_masked(ray, mask, coherent);
+        }
         self.accel.closest(ray, mask, coherent)
     }
 
     /// Whether anything lies on the rays of `mask`.
     #[inline(always)]
     pub fn occluded<F: Trace>(&self, ray: &Ray<F>, mask: F::Mask) -> F::Mask {
+        if self.features.masks {
+            return self.occluded_masked(ray, mask);
+        }
         self.accel.occluded(ray, mask)
+    }
+
+    // Apart, so that scenes without holes keep their loops short.
+    #[inline(never)]
+    fn intersect_masked<F: Trace>(&self, ray: &Ray<F>, mask: F::Mask, coherent: bool) -> Hit<F> {
+        self.accel.closest_where(ray, mask, coherent, &|p, i, u, v| self.stops(p, i, u, v))
+    }
+
+    #[inline(never)]
+    fn occluded_masked<F: Trace>(&self, ray: &Ray<F>, mask: F::Mask) -> F::Mask {
+        self.accel.occluded_where(ray, mask, &|p, i, u, v| self.stops(p, i, u, v))
+    }
+
+    /// Whether a ray ends at this point of a primitive. Where the opacity is between 0 and 1 that is drawn by a hash of the
+    /// point, so that rays of all kinds meet one and the same surface (as in Pharr, Jakob, Humphreys 2023, §7.1.1).
+    fn stops(&self, primitive: u32, instance: u32, u: f32, v: f32) -> bool {
+        let corners = f32::words(&self.primitives, Index1(primitive));
+        let [material, _, flags, _] = f32::words(&self.shapes, corners[3]);
+        let first = Index1(material.0 * MATERIAL_RECORDS);
+        let [kind, _, texture, _] = f32::words(&self.materials, first);
+        if kind.0 != MASK {
+            return true;
+        }
+        let mut opacity = f32::record(&self.materials, Index1(first.0 + 1))[0];
+        if texture.0 != 0 {
+            let uv = if flags.0 & HAS_UVS != 0 {
+                let w = 1.0 - u - v;
+                let across = |table: &[Record]| {
+                    let at = |i: usize| f32::record(table, corners[i])[3];
+                    w * at(0) + u * at(1) + v * at(2)
+                };
+                [across(&self.vertices), across(&self.normals)]
+            } else {
+                [u, v]
+            };
+            opacity *= self.textures.eval(Index1(texture.0 - 1), uv).luminance();
+        }
+        opacity >= 1.0 || opacity > hash(primitive, instance, u, v)
     }
 
     /// Radiance that the surface sends back along the ray that found it.
@@ -219,6 +275,13 @@ impl Scene {
         let mut material = surface.material;
         let (mut frame, mut ng) = (surface.frame, surface.ng);
         let mut head = F::words(&self.materials, at(material, 0));
+        if self.features.masks {
+            let masked = mask & head[0].eq(F::Index::splat(MASK));
+            if masked.any() {
+                material = F::Index::select(masked, head[1], material);
+                head = F::words(&self.materials, at(material, 0));
+            }
+        }
         if self.features.two_sided {
             let two_sided = mask & head[0].eq(F::Index::splat(TWO_SIDED));
             if two_sided.any() {
@@ -229,6 +292,10 @@ impl Scene {
                 frame.t = Vec3::select(behind, -frame.t, frame.t);
                 head = F::words(&self.materials, at(material, 0));
             }
+        }
+        if self.features.maps {
+            // Before mixes, for maps over them; and after, for maps within.
+            self.tilt(surface, &mut frame, &mut material, &mut head, mask);
         }
         if self.features.mixes {
             let mut u = choice();
@@ -245,8 +312,12 @@ impl Scene {
                 material = F::Index::select(mixed, F::Index::select(takes_b, head[2], head[1]), material);
                 head = F::words(&self.materials, at(material, 0));
             }
+            if self.features.maps {
+                self.tilt(surface, &mut frame, &mut material, &mut head, mask);
+            }
         }
-        let mut color = Rgb::of_record(record(material, 1));
+        let first = record(material, 1);
+        let mut color = Rgb::of_record(first);
         if !self.textures.is_empty() {
             let textured = mask & head[1].ne(F::Index::splat(0));
             if textured.any() {
@@ -255,12 +326,41 @@ impl Scene {
             }
         }
         let p = if self.features.models & !(1 << Model::Diffuse as u32 | 1 << Model::Mirror as u32) == 0 {
-            [F::zero(); 8]
+            [F::zero(); PARAMETERS]
         } else {
             let (a, b) = (record(material, 2), record(material, 3));
-            [a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3]]
+            [a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3], first[3]]
         };
         Bsdf::new(head[0], self.features.models, Lobe { color, p }, frame, ng, mask)
+    }
+
+    /// Tilts the shading frames of lanes whose material is a map of normals or heights, and goes on to what is under it.
+    #[inline(never)]
+    fn tilt<F: Real>(
+        &self,
+        surface: &Surface<F>,
+        frame: &mut Frame<F>,
+        material: &mut F::Index,
+        head: &mut [F::Index; 4],
+        mask: F::Mask,
+    ) {
+        let is = |kind: u32| mask & head[0].eq(F::Index::splat(kind));
+        let (normals, heights) = (is(NORMAL_MAP), is(BUMP_MAP));
+        let mapped = normals | heights;
+        if mapped.none() {
+            return;
+        }
+        let at = |material: F::Index, n: u32| material * F::Index::splat(MATERIAL_RECORDS) + F::Index::splat(n);
+        let texture = F::Index::select(mapped, head[2], F::Index::splat(0));
+        let scale = F::record(&self.materials, at(*material, 1))[0];
+        let n = surface.normal_under(&self.textures, texture, scale, heights);
+        // From behind, of a two-sided material, the same relief is seen.
+        let n = n.facing(frame.n);
+        let tilted = Frame::with_tangent(n, frame.s);
+        let pick = |a: Vec3<F>, b: Vec3<F>| Vec3::select(mapped, a, b);
+        *frame = Frame { s: pick(tilted.s, frame.s), t: pick(tilted.t, frame.t), n: pick(tilted.n, frame.n) };
+        *material = F::Index::select(mapped, head[1], *material);
+        *head = F::words(&self.materials, at(*material, 0));
     }
 
     /// Where a ray found a surface, for the lanes of `mask` (all of which hit something).
@@ -268,6 +368,20 @@ impl Scene {
     pub fn surface<F: Real>(&self, ray: &Ray<F>, hit: &Hit<F>, mask: F::Mask) -> Surface<F> {
         surface::surface(self, ray, hit, mask)
     }
+}
+
+/// A number in [0, 1) out of a point of a primitive.
+fn hash(primitive: u32, instance: u32, u: f32, v: f32) -> f32 {
+    let mut x = 0_u32;
+    for word in [primitive, instance, u.to_bits(), v.to_bits()] {
+        // The finaliser `lowbias32` (Wellons 2018) after each word.
+        x ^= word;
+        x = (x ^ (x >> 16)).wrapping_mul(0x7feb_352d);
+        x = (x ^ (x >> 15)).wrapping_mul(0x846c_a68b);
+        x ^= x >> 16;
+        x = x.wrapping_add(0x9e37_79b9);
+    }
+    (x >> 8) as f32 * (1.0 / 16_777_216.0)
 }
 
 /// Frames are built from a tangent only where some material needs it.

@@ -3,6 +3,7 @@
 use super::{EMITTER_PER_PRIMITIVE, HAS_NORMALS, HAS_UVS, IS_DISK, IS_SPHERE, Scene, shading_frame};
 use crate::emitter::{NO_EMITTER, POINT_ERROR};
 use crate::math::{Frame, Vec3, offset_from_surface, vec3};
+use crate::texture::Textures;
 use rebond_bvh::{Hit, Ray};
 use rebond_lanes::{Index, Mask, Real, math};
 use std::f32::consts::{FRAC_1_PI, PI};
@@ -20,6 +21,8 @@ pub struct Surface<F: Real> {
     pub frame: Frame<F>,
     /// Texture coordinates.
     pub uv: [F; 2],
+    /// ∂p/∂u and ∂p/∂v; zero in scenes without maps of normals and heights.
+    pub dp: [Vec3<F>; 2],
     /// Unit direction back along the ray.
     pub wo: Vec3<F>,
     /// Material.
@@ -33,6 +36,34 @@ impl<F: Real> Surface<F> {
     #[inline(always)]
     pub fn front(&self) -> F::Mask {
         self.wo.dot(self.ng).gt(F::zero())
+    }
+
+    /// The unit normal that a map gives: from heights in the lanes of `heights` (Blinn 1978, eq. 4: the normal of
+    /// `p + h n`, the curvature of the surface left out), else from normals in the frame of ∂p/∂u, ∂p/∂v and the normal.
+    #[inline(always)]
+    pub(super) fn normal_under(&self, textures: &Textures, texture: F::Index, scale: F, heights: F::Mask) -> Vec3<F> {
+        let n = self.frame.n;
+        let mut found = n;
+        if !heights.all() {
+            let texel = textures.eval(texture, self.uv);
+            let (x, y) = (texel.r * 2.0 - 1.0, texel.g * 2.0 - 1.0);
+            // A normal that points into the surface is none.
+            let z = (texel.b * 2.0 - 1.0).max(F::splat(1e-3));
+            let t = self.frame.t * F::one().copy_sign(self.frame.t.dot(self.dp[1]));
+            found = (self.frame.s * (x * scale) + t * (y * scale) + n * z).normalized();
+        }
+        if heights.any() {
+            let [hu, hv] = textures.slope(texture, self.uv);
+            let along_u = self.dp[0] + n * (hu * scale);
+            let along_v = self.dp[1] + n * (hv * scale);
+            // Only directions count, and squares of squares of lengths would be beyond f32.
+            let unit = |v: Vec3<F>| v * v.max_abs().recip();
+            let bumped = unit(along_u).cross(unit(along_v)).normalized().facing(n);
+            // At a pole u has no direction.
+            let usable = bumped.dot(n).gt(F::zero());
+            found = Vec3::select(heights, Vec3::select(usable, bumped, n), found);
+        }
+        found
     }
 
     /// Where a ray into direction `w` starts, so that it does not meet this surface again.
@@ -51,6 +82,7 @@ struct Local<F: Real> {
     ns: Vec3<F>,
     tangent: Vec3<F>,
     uv: [F; 2],
+    dp: [Vec3<F>; 2],
 }
 
 #[inline(always)]
@@ -73,6 +105,7 @@ pub fn surface<F: Real>(scene: &Scene, ray: &Ray<F>, hit: &Hit<F>, mask: F::Mask
             ns: pick(round.ns, local.ns),
             tangent: pick(round.tangent, local.tangent),
             uv: [F::select(analytic, round.uv[0], local.uv[0]), F::select(analytic, round.uv[1], local.uv[1])],
+            dp: [pick(round.dp[0], local.dp[0]), pick(round.dp[1], local.dp[1])],
         };
     }
     if scene.features.instances {
@@ -92,6 +125,7 @@ pub fn surface<F: Real>(scene: &Scene, ray: &Ray<F>, hit: &Hit<F>, mask: F::Mask
         ng: local.ng,
         frame: shading_frame(local.ns, tangent),
         uv: local.uv,
+        dp: local.dp,
         wo: vec3(-ray.d[0], -ray.d[1], -ray.d[2]),
         material,
         emitter,
@@ -109,7 +143,8 @@ fn triangle<F: Real>(
 ) -> Local<F> {
     if scene.vertices.is_empty() || other.all() {
         let z = Vec3::splat([0.0, 0.0, 1.0]);
-        return Local { p: Vec3::zero(), error: F::zero(), ng: z, ns: z, tangent: z, uv: [F::zero(); 2] };
+        let (nowhere, nothing) = (Vec3::zero(), F::zero());
+        return Local { p: nowhere, error: nothing, ng: z, ns: z, tangent: z, uv: [nothing; 2], dp: [nowhere; 2] };
     }
     let vertex = |i: usize| F::record(&scene.vertices, corners[i]);
     let (v0, v1, v2) = (vertex(0), vertex(1), vertex(2));
@@ -125,7 +160,11 @@ fn triangle<F: Real>(
         ns: ng,
         tangent: e1,
         uv: [hit.u, hit.v],
+        dp: [Vec3::zero(), Vec3::zero()],
     };
+    if scene.features.maps {
+        local.dp = [e1, e2];
+    }
     if scene.features.normals && (has_normals | has_uvs).any() {
         let normal = |i: usize| F::record(&scene.normals, corners[i]);
         let (n0, n1, n2) = (normal(0), normal(1), normal(2));
@@ -145,6 +184,13 @@ fn triangle<F: Real>(
             let along_u = e1 * dv2 - e2 * dv1;
             let usable = has_uvs & determinant.abs().gt(F::splat(1e-12));
             local.tangent = Vec3::select(usable, along_u * F::one().copy_sign(determinant), local.tangent);
+            if scene.features.maps {
+                let (inverse, along_v) = (determinant.recip(), e2 * du1 - e1 * du2);
+                local.dp = [
+                    Vec3::select(usable, along_u * inverse, local.dp[0]),
+                    Vec3::select(usable, along_v * inverse, local.dp[1]),
+                ];
+            }
         }
     }
     local
@@ -181,6 +227,14 @@ fn round<F: Real>(
     let phi = math::atan2(l.y, l.x) * (0.5 * FRAC_1_PI);
     let u = phi - phi.floor();
     let v = F::select(sphere, math::acos(-l.z) * FRAC_1_PI, (l.x * l.x + l.y * l.y).sqrt());
+    let dp = if scene.features.maps {
+        // u goes around the axis; v from pole to pole along π r, or outwards along r.
+        let outwards = (arm - axes.n * axes.n.dot(arm)).normalized();
+        let up = (axes.n * (F::one() - l.z * l.z).safe_sqrt() - outwards * l.z) * (radius * PI);
+        [axes.n.cross(arm) * (hand * (2.0 * PI)), Vec3::select(sphere, up, outwards * radius)]
+    } else {
+        [Vec3::zero(), Vec3::zero()]
+    };
     Local {
         p: center + arm,
         error: (center.max_abs() + radius) * POINT_ERROR,
@@ -188,6 +242,7 @@ fn round<F: Real>(
         ns: n,
         tangent: Vec3::select(sphere, axes.n.cross(out) * hand, axes.s) * F::splat(2.0 * PI),
         uv: [u, v],
+        dp,
     }
 }
 
@@ -267,6 +322,7 @@ impl<F: Real> Placed<F> {
             ns: normal(l.ns),
             tangent: self.vector(l.tangent),
             uv: l.uv,
+            dp: [self.vector(l.dp[0]), self.vector(l.dp[1])],
         }
     }
 }

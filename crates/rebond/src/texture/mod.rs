@@ -105,6 +105,22 @@ impl Textures {
         let row = |y: F| texel(x0, y) * (F::one() - fx) + texel(x0 + 1.0, y) * fx;
         row(y0) * (F::one() - fy) + row(y0 + 1.0) * fy
     }
+
+    /// ∂/∂u and ∂/∂v of a texture's luminance at (u, v): differences over one texel.
+    pub fn slope<F: Real>(&self, texture: F::Index, uv: [F; 2]) -> [F; 2] {
+        let at = texture * F::Index::splat(RECORDS);
+        let [_, width, height, _] = F::words(&self.table, at);
+        let [repeat_u, repeat_v, ..] = F::record(&self.table, at + F::Index::splat(1));
+        let texel = |n: F::Index, repeat: F| {
+            let step = (F::from_index(n) * repeat).abs().recip();
+            F::select(step.is_finite(), step, F::one())
+        };
+        let (du, dv) = (texel(width, repeat_u), texel(height, repeat_v));
+        let h = |u: F, v: F| self.eval(texture, [u, v]).luminance();
+        let along_u = h(uv[0] + du * 0.5, uv[1]) - h(uv[0] - du * 0.5, uv[1]);
+        let along_v = h(uv[0], uv[1] + dv * 0.5) - h(uv[0], uv[1] - dv * 0.5);
+        [along_u / du, along_v / dv]
+    }
 }
 
 #[cfg(test)]
@@ -131,6 +147,9 @@ mod tests {
         assert_eq!(eval(bilinear, 0.0, 0.25), 2.5, "repeats from the other edge");
         assert_eq!((eval(nearest, -3.0, 0.9), eval(nearest, 7.0, -1.0)), (0.0, 3.0));
         assert_eq!(eval(0, 0.3, -12.7), 9.0);
+        // Between texel centres the slope is that of the plane through them: one texel is half of the square.
+        let slope = textures.slope(Index1(bilinear), [0.5_f32, 0.5]);
+        assert!((slope[0] - 2.0).abs() < 1e-5 && (slope[1] + 4.0).abs() < 1e-5, "{slope:?}");
         for u in [f32::NAN, f32::INFINITY, 1e30, -1e30] {
             let _ = eval(bilinear, u, u);
         }
