@@ -1,6 +1,7 @@
 //! Times the ray queries, next to Embree 4 if its shared library is given.
 //!
-//! `ray_kernel [--embree LIBRARY] [--scene NAME] [--repeat N] [--curve] [--json]`
+//! `ray_kernel [--embree LIBRARY] [--scene NAME] [--preset NAME] [--repeat N] [--side PIXELS] [--ours]
+//! [--build | --curve]`
 //!
 //! All engines trace the same rays (camera, first and second diffuse bounce, shadow), on one thread, one after the other
 //! in every round; the figures are medians over the rounds, of processor time. Build times are given by
