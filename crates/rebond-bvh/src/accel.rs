@@ -145,7 +145,7 @@ impl Accel {
         for (i, geometry) in geometries.into_iter().enumerate() {
             let first = base;
             base += build::count(&geometry);
-            if base >= crate::MISS as usize {
+            if base > crate::triangle::Block::MAX_PRIMITIVES {
                 return Err(BuildError::TooManyPrimitives);
             }
             trees.push(build::geometry(i, &geometry, first as u32, options.preset, &mut report)?);

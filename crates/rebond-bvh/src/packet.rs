@@ -92,7 +92,7 @@ struct Edges {
 /// Candidate hits of one triangle.
 struct Candidates {
     hit: Mask16,
-    /// Lanes in which an edge function is zero, so that only more digits can tell.
+    /// Lanes in which an edge function is zero or the triangle is thin, so that only more digits can tell.
     doubtful: Mask16,
     t: F32x16,
     u: F32x16,
@@ -174,8 +174,9 @@ impl<'a> Packet<'a> {
 
     /// The lanes that hit a triangle, given its corners in the rays' frames, at 0 < t.
     #[inline(always)]
-    fn triangle(&self, [a, b, c]: [[F32x16; 3]; 3], active: Mask16) -> Option<Candidates> {
+    fn triangle(&self, [a, b, c]: [[F32x16; 3]; 3], is_thin: bool, active: Mask16) -> Option<Candidates> {
         let Edges { u, v, w, inside, doubtful } = Self::edges([a, b, c], active)?;
+        let doubtful = if is_thin { inside } else { doubtful };
         let determinant = u + v + w;
         let z = u * a[2] + v * b[2] + w * c[2];
         let inverse = F32x16::one() / determinant;
@@ -198,13 +199,13 @@ impl<'a> Packet<'a> {
     fn closest_triangle<K: Filter>(
         &self,
         corners: [[F32x16; 3]; 3],
-        primitive: u32,
+        (primitive, is_thin): (u32, bool),
         active: Mask16,
         instance: u32,
         filter: &K,
         best: &mut Bests,
     ) {
-        if let Some(found) = self.triangle(corners, active) {
+        if let Some(found) = self.triangle(corners, is_thin, active) {
             best.again = best.again | found.doubtful;
             let number = Index16::splat(primitive);
             let nearer = found.t.lt(best.t) | (found.t.eq(best.t) & number.lt(best.primitive));
@@ -522,11 +523,11 @@ pub(crate) fn closest<S: Simd, const PREFETCH: bool, K: Filter>(
                         // SAFETY: `Tree::new` has checked every child.
                         let block = unsafe { tree.blocks().get_unchecked(i as usize) };
                         for i in 0..4 {
-                            let primitive = block.primitive[i];
-                            if i == 0 || primitive != block.primitive[i - 1] {
+                            let primitive = block.primitive(i);
+                            if i == 0 || primitive != block.primitive(i - 1) {
                                 packet.closest_triangle(
                                     packet.corners(block.corners(i)),
-                                    primitive,
+                                    (primitive, block.is_thin(i)),
                                     active,
                                     instance,
                                     filter,
@@ -608,11 +609,13 @@ pub(crate) fn occluded<S: Simd, K: Filter>(
                         // SAFETY: `Tree::new` has checked every child.
                         let block = unsafe { tree.blocks().get_unchecked(i as usize) };
                         for i in 0..4 {
-                            let primitive = block.primitive[i];
-                            if i > 0 && primitive == block.primitive[i - 1] {
+                            let primitive = block.primitive(i);
+                            if i > 0 && primitive == block.primitive(i - 1) {
                                 continue;
                             }
-                            if let Some(found) = packet.triangle(packet.corners(block.corners(i)), active) {
+                            if let Some(found) =
+                                packet.triangle(packet.corners(block.corners(i)), block.is_thin(i), active)
+                            {
                                 let hit = found.hit & found.t.le(packet.ray.tmax);
                                 let hit = Packet::filtered(&found, hit, primitive, instance, filter);
                                 active = active.and_not(hit);

@@ -147,7 +147,7 @@ impl Tree {
     pub fn scan(&self, ray: &SingleRay, instance: u32, filter: &impl Filter, shapes: &impl Shapes, best: &mut Best) {
         for block in &self.blocks {
             for i in 0..4 {
-                let primitive = block.primitive[i];
+                let primitive = block.primitive(i);
                 if let Some([t, u, v]) = in_f64(block.corners(i), ray)
                     && best.yields_to(t, primitive, instance)
                     && filter.keep(primitive, instance, u, v)
@@ -162,13 +162,14 @@ impl Tree {
     }
 }
 
-/// All triangles and their corners, each once, if there are few of them.
+/// All triangles and their corners, each once, if there are few of them and none is thin.
 fn few(blocks: &[Block], shapes: &[Shape]) -> (Vec<Pair>, Vec<[f32; 3]>) {
     let none = (Vec::new(), Vec::new());
-    if blocks.len() > FEW || shapes.len() > FEW_SHAPES {
+    let thin = |block: &Block| (0..4).any(|i| block.is_thin(i));
+    if blocks.len() > FEW || shapes.len() > FEW_SHAPES || blocks.iter().any(thin) {
         return none;
     }
-    let each = |block: &Block| std::array::from_fn::<_, 4, _>(|i| (block.corners(i), block.primitive[i]));
+    let each = |block: &Block| std::array::from_fn::<_, 4, _>(|i| (block.corners(i), block.primitive(i)));
     let mut all: Vec<([[f32; 3]; 3], u32)> = blocks.iter().flat_map(each).collect();
     all.sort_unstable_by_key(|t| t.1);
     all.dedup_by_key(|t| t.1);

@@ -19,8 +19,13 @@ pub(crate) struct Block {
     pub ab: [[f32; 8]; 3],
     /// Third corners; along x, y, z.
     pub c: [[f32; 4]; 3],
-    pub primitive: [u32; 4],
+    /// Primitives, [`THIN`] or not.
+    words: [u32; 4],
 }
+
+/// Marks a triangle longer than [`SLENDER`] times its mean width: rounding would move a hit along it.
+const THIN: u32 = 1 << 31;
+const SLENDER: f64 = 32.0;
 
 /// What a block says to a ray: the edge functions of the triangles that may be hit.
 struct Edges<S: Simd> {
@@ -39,7 +44,7 @@ struct Edges<S: Simd> {
 impl Block {
     /// The block of 1 to 4 triangles.
     pub fn new(triangles: &[([[f32; 3]; 3], u32)]) -> Self {
-        let mut block = Self { ab: [[0.0; 8]; 3], c: [[0.0; 4]; 3], primitive: [0; 4] };
+        let mut block = Self { ab: [[0.0; 8]; 3], c: [[0.0; 4]; 3], words: [0; 4] };
         for i in 0..4 {
             let (corners, primitive) = triangles[i.min(triangles.len() - 1)];
             for k in 0..3 {
@@ -47,11 +52,29 @@ impl Block {
                 block.ab[k][i + 4] = corners[1][k];
                 block.c[k][i] = corners[2][k];
             }
-            block.primitive[i] = primitive;
+            block.words[i] = primitive | if is_thin(corners) { THIN } else { 0 };
         }
         block
     }
 
+    /// Primitives have numbers below this.
+    pub const MAX_PRIMITIVES: usize = THIN as usize;
+
+    /// The number of triangle `i`.
+    #[inline(always)]
+    pub fn primitive(&self, i: usize) -> u32 {
+        self.words[i] & !THIN
+    }
+    /// Whether triangle `i` wants more digits.
+    #[inline(always)]
+    pub fn is_thin(&self, i: usize) -> bool {
+        self.words[i] & THIN != 0
+    }
+    /// Bit `i`: triangle `i` is thin.
+    #[inline(always)]
+    fn thin(&self) -> u32 {
+        self.words.iter().enumerate().fold(0, |bits, (i, word)| bits | (word >> 31) << i)
+    }
     /// The corners of triangle `i`.
     pub fn corners(&self, i: usize) -> [[f32; 3]; 3] {
         [self.ab.map(|x| x[i]), self.ab.map(|x| x[i + 4]), self.c.map(|x| x[i])]
@@ -93,11 +116,11 @@ impl Block {
     #[inline(always)]
     pub fn closest<S: Simd>(&self, ray: &SingleRay, instance: u32, filter: &impl Filter, best: &mut Best) {
         if let Some(edges) = self.edges::<S>(ray) {
-            let (mut hits, t, u, v) = edges.hits(ray, best.t);
+            let (mut hits, t, u, v) = edges.hits(self, ray, best.t);
             while hits != 0 {
                 let i = hits.trailing_zeros() as usize & 3;
                 hits &= hits - 1;
-                let primitive = self.primitive[i];
+                let primitive = self.primitive(i);
                 if best.yields_to(t[i], primitive, instance) && filter.keep(primitive, instance, u[i], v[i]) {
                     *best = Best { t: t[i], u: u[i], v: v[i], primitive, instance };
                 }
@@ -109,11 +132,11 @@ impl Block {
     #[inline(always)]
     pub fn occluded<S: Simd>(&self, ray: &SingleRay, instance: u32, filter: &impl Filter, tmax: f32) -> bool {
         if let Some(edges) = self.edges::<S>(ray) {
-            let (mut hits, _, u, v) = edges.hits(ray, tmax);
+            let (mut hits, _, u, v) = edges.hits(self, ray, tmax);
             while hits != 0 {
                 let i = hits.trailing_zeros() as usize & 3;
                 hits &= hits - 1;
-                if filter.keep(self.primitive[i], instance, u[i], v[i]) {
+                if filter.keep(self.primitive(i), instance, u[i], v[i]) {
                     return true;
                 }
             }
@@ -125,34 +148,50 @@ impl Block {
 impl<S: Simd> Edges<S> {
     /// The triangles hit at 0 < t ≤ tmax, with t, u and v of each.
     #[inline(always)]
-    fn hits(&self, ray: &SingleRay, tmax: f32) -> (u32, [f32; 4], [f32; 4], [f32; 4]) {
+    fn hits(&self, block: &Block, ray: &SingleRay, tmax: f32) -> (u32, [f32; 4], [f32; 4], [f32; 4]) {
         let (az, bz, cz) = (S::low(self.ab[2]), S::high(self.ab[2]), self.c[2]);
         let determinant = self.u.add(self.v).add(self.w);
         let z = self.u.mul(az).add(self.v.mul(bz)).add(self.w.mul(cz));
         let inverse = S::F4::splat(1.0).div(determinant);
         let t = z.mul(S::F4::splat(ray.shear[2])).mul(inverse);
-        let hits = self.inside & !self.doubtful & S::F4::splat(0.0).lt(t) & t.le(S::F4::splat(tmax));
+        let doubtful = self.doubtful | self.inside & block.thin();
+        let hits = self.inside & !doubtful & S::F4::splat(0.0).lt(t) & t.le(S::F4::splat(tmax));
         let (u, v) = (self.v.mul(inverse), self.w.mul(inverse));
-        if self.doubtful == 0 { (hits, t.array(), u.array(), v.array()) } else { self.doubt(ray, tmax, hits, t, u, v) }
+        if doubtful == 0 {
+            (hits, t.array(), u.array(), v.array())
+        } else {
+            self.doubt(block, ray, tmax, (doubtful, hits), t, u, v)
+        }
     }
 
-    /// The same once an edge function was zero.
+    /// The same once an edge function was zero or a triangle is thin.
     #[cold]
     #[inline(never)]
+    #[allow(clippy::too_many_arguments)]
     fn doubt(
         &self,
+        block: &Block,
         ray: &SingleRay,
         tmax: f32,
-        hits: u32,
+        (doubtful, mut hits): (u32, u32),
         t: S::F4,
         u: S::F4,
         v: S::F4,
     ) -> (u32, [f32; 4], [f32; 4], [f32; 4]) {
-        let (mut hits, mut t, mut u, mut v) = (hits, t.array(), u.array(), v.array());
+        let (mut t, mut u, mut v) = (t.array(), u.array(), v.array());
         let (ab, c) = (self.ab.map(S::F8::array), self.c.map(S::F4::array));
-        for i in (0..4).filter(|i| self.doubtful >> i & 1 == 1) {
+        for i in (0..4).filter(|i| doubtful >> i & 1 == 1) {
             let corners = [ab.map(|x| x[i]), ab.map(|x| x[i + 4]), c.map(|x| x[i])];
-            if let Some(hit) = exact(corners.map(|p| p.map(f64::from)), f64::from(ray.shear[2])) {
+            let inside = self.doubtful >> i & 1 == 0
+                || exact(corners.map(|p| p.map(f64::from)), f64::from(ray.shear[2])).is_some();
+            let hit = if !inside {
+                None
+            } else if block.is_thin(i) {
+                on_plane(block.corners(i), ray)
+            } else {
+                exact(corners.map(|p| p.map(f64::from)), f64::from(ray.shear[2]))
+            };
+            if let Some(hit) = hit {
                 if 0.0 < hit[0] && hit[0] <= tmax {
                     hits |= 1 << i;
                 }
@@ -176,6 +215,43 @@ pub(crate) fn exact([a, b, c]: [[f64; 3]; 3], scale: f64) -> Option<[f32; 3]> {
     }
     let t = (u * a[2] + v * b[2] + w * c[2]) * scale / determinant;
     Some([t as f32, (v / determinant) as f32, (w / determinant) as f32])
+}
+
+/// Whether the longest edge is many times as long as the height over it.
+fn is_thin([a, b, c]: [[f32; 3]; 3]) -> bool {
+    let minus = |p: [f32; 3], q: [f32; 3]| -> [f64; 3] { std::array::from_fn(|k| f64::from(p[k]) - f64::from(q[k])) };
+    let square = |x: [f64; 3]| dot(x, x);
+    let edges = [minus(b, a), minus(c, a), minus(c, b)];
+    let longest = edges.map(square).into_iter().fold(0.0, f64::max);
+    longest * longest > SLENDER * SLENDER * square(cross(edges[0], edges[1]))
+}
+
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+/// t, u, v where a ray that passes inside a triangle meets its plane.
+#[cold]
+fn on_plane(corners: [[f32; 3]; 3], ray: &SingleRay) -> Option<[f32; 3]> {
+    let [a, b, c]: [[f64; 3]; 3] = corners.map(|p| std::array::from_fn(|k| f64::from(p[k]) - f64::from(ray.o[k])));
+    let minus = |p: [f64; 3], q: [f64; 3]| -> [f64; 3] { std::array::from_fn(|k| p[k] - q[k]) };
+    let (ab, ac, d) = (minus(b, a), minus(c, a), ray.d.map(f64::from));
+    let normal = cross(ab, ac);
+    let along = dot(normal, d);
+    if along == 0.0 {
+        return None;
+    }
+    let t = dot(normal, a) / along;
+    let p: [f64; 3] = std::array::from_fn(|k| t * d[k] - a[k]);
+    // Rounding may leave the point a little outside.
+    let size = dot(normal, normal);
+    let u = (dot(cross(p, ac), normal) / size).clamp(0.0, 1.0);
+    let v = (dot(cross(ab, p), normal) / size).clamp(0.0, 1.0 - u);
+    Some([t as f32, u as f32, v as f32])
 }
 
 /// t, u, v where a ray meets a triangle, in f64 throughout: for coordinates whose products would overflow.

@@ -40,7 +40,7 @@ impl Around {
             let reach = self.radius[i] * self.radius[i] * 1.001 + 1e-9 * squared;
             *outside = squared - along * along * inverse - reach;
         }
-        (0..outside.len()).filter(|&i| !(outside[i] > 0.0)).collect()
+        (0..outside.len()).filter(|&i| outside[i] <= 0.0).collect()
     }
 }
 
@@ -202,6 +202,23 @@ fn agree(n: usize) {
 #[test]
 fn same_hits() {
     agree(480);
+}
+
+/// Along a triangle a thousand times as long as wide, rounding moves a hit a thousand times as far.
+#[test]
+fn thin_triangles() {
+    let mut random = Random::new(7);
+    let mesh = slivers(200, &mut random);
+    let rays: Vec<_> = (0..8000)
+        .map(|i| {
+            let [a, b, c] = mesh.triangles[i % 200].map(|v| mesh.positions[v as usize]);
+            let along = random.unit();
+            let target = std::array::from_fn(|k| a[k] + along * (0.5 * (b[k] + c[k]) - a[k]));
+            let o = random.point([-1.5; 3], [1.5; 3]);
+            ray(o, sub(target, o))
+        })
+        .collect();
+    check("thin", &mesh, &[accel(&mesh, Preset::Default)], &rays);
 }
 
 /// A million rays a mesh.

@@ -151,6 +151,17 @@ fn normals_lean_as_their_map_says() {
 }
 
 #[test]
+fn maps_lie_between_mixes() {
+    let grey = "{ type = 'diffuse' }";
+    let inner = format!("{{ type = 'mix', weight = 0.5, a = {grey}, b = {grey} }}");
+    let map = format!("{{ type = 'normal-map', normal_map = {{ image = 'tilted' }}, material = {inner} }}");
+    let outer = format!("{{ type = 'mix', weight = 1, a = {grey}, b = {map} }}");
+    let text = plane("type = 'diffuse'", [0.0, 0.0, -1.0], "type = 'rectangle'");
+    let whole = text.find("material = {").expect("a material");
+    is(&format!("{}material = {outer}\n", &text[..whole]), 0.75_f64.sqrt() * 0.5 / PI);
+}
+
+#[test]
 fn relief_has_its_slope() {
     // Over the two units of the square the height rises by `scale`. At the very edge the image ends, so look within.
     let within = "to_world = { scale = 1.5 }\ntype = 'rectangle'";

@@ -279,6 +279,7 @@ impl Grid {
     #[inline(always)]
     fn place(&self, center2: f32, k: usize) -> u32 {
         let x = (center2 - self.lo2[k]) * self.scale[k] - 0.5;
+        let x = if x > 0.0 { x } else { 0.0 };
         let x = if x < self.last { x } else { self.last };
         (x + ROUND).to_bits()
     }
@@ -286,7 +287,7 @@ impl Grid {
     #[inline(always)]
     fn places(&self, bounds: &Bounds) -> [u32; 4] {
         let x = bounds.centers2().sub(F4::load(&self.lo2)).mul(F4::load(&self.scale)).sub(F4::splat(0.5));
-        x.min(F4::splat(self.last)).add(F4::splat(ROUND)).array().map(f32::to_bits)
+        x.max(F4::splat(0.0)).min(F4::splat(self.last)).add(F4::splat(ROUND)).array().map(f32::to_bits)
     }
 }
 
@@ -451,7 +452,8 @@ mod tests {
         let same = vec![([1.0; 3], [2.0; 3]); n / 3];
         let skewed: Vec<_> =
             (0..n as i32 / 4).map(|i| ([2.0_f32.powi(i - 125); 3], [2.0_f32.powi(i - 125); 3])).collect();
-        for boxes in [&spread[..], &same, &skewed, &spread[..1], &spread[..2], &spread[..3]] {
+        let huge: Vec<_> = spread.iter().map(|(lo, hi)| (*lo, *hi)).chain([([f32::MIN; 3], [f32::MAX; 3])]).collect();
+        for boxes in [&spread[..], &same, &skewed, &huge, &spread[..1], &spread[..2], &spread[..3]] {
             for shape in [
                 Shape { leaf: 1, balanced: false, coarse: false },
                 Shape { leaf: 4, balanced: false, coarse: true },

@@ -74,6 +74,11 @@ fn classify(corners: [[f32; 3]; 3]) -> Kind {
     Kind::Fine(Bounds::new(lo, hi))
 }
 
+/// A box that may be infinite, as far as f32 goes: the builders want boxes with a centre.
+fn within_f32((lo, hi): ([f32; 3], [f32; 3])) -> Bounds {
+    Bounds::new(lo.map(|x| x.max(f32::MIN)), hi.map(|x| x.min(f32::MAX)))
+}
+
 /// How many primitives a geometry has.
 pub(crate) fn count(geometry: &Geometry) -> usize {
     geometry.triangles.len() + geometry.spheres.len() + geometry.disks.len()
@@ -111,8 +116,7 @@ pub(crate) fn geometry(
     let first = geometry.triangles.len();
     for (i, sphere) in geometry.spheres.iter().enumerate() {
         if sphere.is_valid() {
-            let (lo, hi) = sphere.bounds();
-            references.push(Reference::new(Bounds::new(lo, hi), (first + i) as u32));
+            references.push(Reference::new(within_f32(sphere.bounds()), (first + i) as u32));
         } else {
             report.invalid_shapes += 1;
         }
@@ -120,8 +124,7 @@ pub(crate) fn geometry(
     let first = first + geometry.spheres.len();
     for (i, disk) in geometry.disks.iter().enumerate() {
         if disk.is_valid() {
-            let (lo, hi) = disk.bounds();
-            references.push(Reference::new(Bounds::new(lo, hi), (first + i) as u32));
+            references.push(Reference::new(within_f32(disk.bounds()), (first + i) as u32));
         } else {
             report.invalid_shapes += 1;
         }

@@ -8,7 +8,7 @@
 //! ```
 //!
 //! F̄ is Fresnel's term averaged over directions of cosine law. White metal (F = 1) reflects all it receives, within the
-//! error of the table of E, 0.003.
+//! error of the table of E: 0.003 for α from 0.05 up, more below.
 
 use super::albedo::{Reflected, isotropic, reflection};
 use super::{BsdfSample, BsdfValue, Lobe, both_above, conductor, fresnel, reflect_about};

@@ -294,7 +294,7 @@ impl Scene {
             }
         }
         if self.features.maps {
-            // Before mixes, for maps over them; and after, for maps within.
+            // Before mixes, for maps over them; and at every turn, for maps within.
             self.tilt(surface, &mut frame, &mut material, &mut head, mask);
         }
         if self.features.mixes {
@@ -311,9 +311,9 @@ impl Scene {
                 u = F::select(mixed, rest, u);
                 material = F::Index::select(mixed, F::Index::select(takes_b, head[2], head[1]), material);
                 head = F::words(&self.materials, at(material, 0));
-            }
-            if self.features.maps {
-                self.tilt(surface, &mut frame, &mut material, &mut head, mask);
+                if self.features.maps {
+                    self.tilt(surface, &mut frame, &mut material, &mut head, mask);
+                }
             }
         }
         let first = record(material, 1);
