@@ -84,6 +84,11 @@ impl Child {
         debug_assert!(index < SHAPE);
         Self(LEAF | SHAPE | index)
     }
+    /// Whether it is not a node.
+    #[inline(always)]
+    pub fn is_leaf(self) -> bool {
+        self.0 & LEAF != 0
+    }
     #[inline(always)]
     pub fn target(self) -> Target {
         if self.0 & LEAF == 0 {

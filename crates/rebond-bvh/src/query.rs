@@ -6,10 +6,11 @@ use crate::packet::{self, Packet};
 use crate::ray::{Best, Rays, SingleRay, no_hit};
 use crate::shape::Shape;
 use crate::simd::{Native, Simd};
-use crate::single::{self, Shapes, Solid};
+use crate::single::{self, Places, Shapes, Solid, Step};
 use crate::tree::Tree;
 use crate::{Filter, Hit, MISS, Ray};
 use rebond_lanes::{F32x16, Index, Mask, Mask16, Real};
+use std::mem::MaybeUninit;
 
 /// What [`Accel`] forwards its calls to.
 pub trait Query: Real {
@@ -149,6 +150,54 @@ fn each(mut bits: u32, mut f: impl FnMut(usize)) {
     }
 }
 
+/// How many rays take turns in a large tree, so that what one waits for arrives while the others work.
+const TURNS: usize = 12;
+
+/// Starts a walk for each set bit, and lets [`TURNS`] of them take turns until `turn` says of each that it is over.
+#[inline(always)]
+fn in_turns<T, W>(
+    mut bits: u32,
+    mut start: impl FnMut(usize) -> W,
+    mut turn: impl FnMut(usize, &mut W, &mut Places<T>) -> bool,
+) {
+    let mut next = || {
+        let i = bits.trailing_zeros() as usize & 15;
+        (bits != 0).then(|| {
+            bits &= bits - 1;
+            (i, start(i))
+        })
+    };
+    let mut places: [Places<T>; TURNS] = std::array::from_fn(|_| single::no_places());
+    let mut walks: [MaybeUninit<(usize, W)>; TURNS] = [const { MaybeUninit::uninit() }; TURNS];
+    // Those that are under way.
+    let mut slots = [0; TURNS];
+    let mut busy = 0;
+    while busy < TURNS
+        && let Some(walk) = next()
+    {
+        walks[busy].write(walk);
+        slots[busy] = busy;
+        busy += 1;
+    }
+    while busy > 0 {
+        let mut at = 0;
+        while at < busy {
+            let slot = slots[at];
+            // SAFETY: what is under way was written.
+            let (i, walk) = unsafe { walks[slot].assume_init_mut() };
+            if turn(*i, walk, &mut places[slot]) {
+                at += 1;
+            } else if let Some(walk) = next() {
+                walks[slot].write(walk);
+                at += 1;
+            } else {
+                busy -= 1;
+                slots[at] = slots[busy];
+            }
+        }
+    }
+}
+
 /// The rays one by one.
 #[inline(always)]
 fn lane_of(ray: &Ray<F32x16>) -> impl Fn(usize) -> Ray<f32> {
@@ -169,11 +218,25 @@ fn closest_of_each<S: Simd, const PREFETCH: bool, K: Filter>(
 ) {
     let Some(root) = tree.root() else { return };
     let solid = Solid { instance, filter };
-    each(lanes, |i| {
-        let mut best = Best::up_to(tmax[i]);
-        single::closest::<S, PREFETCH, K>(tree, root, &rays.lane(i), instance, filter, &solid, &mut best);
-        hits.set(i, &best);
-    });
+    if PREFETCH {
+        let start = |i: usize| (rays.lane(i), single::Nearest::new(root, Best::up_to(tmax[i])));
+        in_turns(lanes, start, |i, (ray, walk), places| {
+            while walk.step::<S, true, K>(places, tree, ray, instance, filter, &solid) {
+                if walk.current.is_leaf() {
+                    single::prefetch(tree, walk.current);
+                    return true;
+                }
+            }
+            hits.set(i, &walk.best);
+            false
+        });
+    } else {
+        each(lanes, |i| {
+            let mut best = Best::up_to(tmax[i]);
+            single::closest::<S, false, K>(tree, root, &rays.lane(i), instance, filter, &solid, &mut best);
+            hits.set(i, &best);
+        });
+    }
 }
 
 #[inline]
@@ -206,10 +269,22 @@ fn occluded_of_each<S: Simd, K: Filter>(
     let Some(root) = tree.root() else { return 0 };
     let solid = Solid { instance, filter };
     let mut hit = 0;
-    each(lanes, |i| {
-        let blocked = single::occluded::<S, K>(tree, root, &rays.lane(i), instance, filter, &solid, tmax[i]);
-        hit |= u32::from(blocked) << i;
-    });
+    if tree.large {
+        let start = |i: usize| (rays.lane(i), single::Any::new(root));
+        in_turns(lanes, start, |i, (ray, walk), places| {
+            let step = walk.step::<S, K>(places, tree, ray, instance, filter, &solid, tmax[i]);
+            hit |= u32::from(step == Step::Blocked) << i;
+            if step == Step::GoOn {
+                single::prefetch(tree, walk.current);
+            }
+            step == Step::GoOn
+        });
+    } else {
+        each(lanes, |i| {
+            let blocked = single::occluded::<S, K>(tree, root, &rays.lane(i), instance, filter, &solid, tmax[i]);
+            hit |= u32::from(blocked) << i;
+        });
+    }
     hit
 }
 

@@ -41,7 +41,13 @@ impl<K: Filter> Shapes for Solid<'_, K> {
 }
 
 /// Room for children yet to be visited.
-type Places<T> = [MaybeUninit<T>; STACK];
+pub(crate) type Places<T> = [MaybeUninit<T>; STACK];
+
+/// A stack that was never used.
+#[inline(always)]
+pub(crate) fn no_places<T>() -> Places<T> {
+    [const { MaybeUninit::uninit() }; STACK]
+}
 
 /// Puts `x` on the stack.
 ///
@@ -84,27 +90,36 @@ pub(crate) fn prefetch(tree: &Tree, child: Child) {
     }
 }
 
-/// Puts the nearest hit in the subtree `start` into `best` if it comes before.
-#[inline(always)]
-pub(crate) fn closest<S: Simd, const PREFETCH: bool, K: Filter>(
-    tree: &Tree,
-    start: Child,
-    ray: &SingleRay,
-    instance: u32,
-    filter: &K,
-    shapes: &impl Shapes,
-    best: &mut Best,
-) {
-    let mut places: Places<u64> = [const { MaybeUninit::uninit() }; STACK];
-    let mut len = 0;
-    let mut current = start;
-    let mut limit = best.t * ONE_PLUS;
-    loop {
-        match current.target() {
+/// A ray on its way to its nearest hit: where it is and what it left to visit.
+pub(crate) struct Nearest {
+    pub best: Best,
+    limit: f32,
+    pub current: Child,
+    len: usize,
+}
+
+impl Nearest {
+    #[inline(always)]
+    pub fn new(start: Child, best: Best) -> Self {
+        Self { best, limit: best.t * ONE_PLUS, current: start, len: 0 }
+    }
+
+    /// Visits `current` and goes on to the next; false if there is none.
+    #[inline(always)]
+    pub fn step<S: Simd, const PREFETCH: bool, K: Filter>(
+        &mut self,
+        places: &mut Places<u64>,
+        tree: &Tree,
+        ray: &SingleRay,
+        instance: u32,
+        filter: &K,
+        shapes: &impl Shapes,
+    ) -> bool {
+        match self.current.target() {
             Target::Node(index) => {
                 // SAFETY: `Tree::new` has checked every child.
                 let node = unsafe { tree.nodes().get_unchecked(index as usize) };
-                let (mut mask, enter) = node.enter::<S>(ray, S::F8::splat(limit));
+                let (mut mask, enter) = node.enter::<S>(ray, S::F8::splat(self.limit));
                 if mask != 0 {
                     let enter = enter.array();
                     let mut next = || {
@@ -118,16 +133,16 @@ pub(crate) fn closest<S: Simd, const PREFETCH: bool, K: Filter>(
                     };
                     let (first, rest) = next();
                     if rest == 0 {
-                        current = Child(first as u32);
-                        continue;
+                        self.current = Child(first as u32);
+                        return true;
                     }
                     let (second, rest) = next();
                     let (mut near, mut far) = (first.min(second), first.max(second));
                     if rest == 0 {
                         // SAFETY: `Tree::new` has checked that the stack is large enough for all pushes on the way.
-                        unsafe { push(&mut places, &mut len, far) };
-                        current = Child(near as u32);
-                        continue;
+                        unsafe { push(places, &mut self.len, far) };
+                        self.current = Child(near as u32);
+                        return true;
                     }
                     let (third, rest) = next();
                     let middle;
@@ -137,28 +152,28 @@ pub(crate) fn closest<S: Simd, const PREFETCH: bool, K: Filter>(
                     if rest == 0 {
                         // SAFETY: as above.
                         unsafe {
-                            push(&mut places, &mut len, far);
-                            push(&mut places, &mut len, second);
+                            push(places, &mut self.len, far);
+                            push(places, &mut self.len, second);
                         }
-                        current = Child(near as u32);
-                        continue;
+                        self.current = Child(near as u32);
+                        return true;
                     }
                     // SAFETY: as above.
                     unsafe {
-                        push(&mut places, &mut len, far);
-                        push(&mut places, &mut len, second);
-                        push(&mut places, &mut len, near);
+                        push(places, &mut self.len, far);
+                        push(places, &mut self.len, second);
+                        push(places, &mut self.len, near);
                     }
-                    let bottom = len - 3;
+                    let bottom = self.len - 3;
                     let mut rest = rest;
                     while rest != 0 {
                         let (x, left) = next();
                         rest = left;
-                        let mut i = len;
+                        let mut i = self.len;
                         // SAFETY: places from `bottom` to `len` were pushed, and there is room for one more, as above.
                         unsafe {
-                            push(&mut places, &mut len, x);
-                            while i > bottom && at(&places, i - 1) < x {
+                            push(places, &mut self.len, x);
+                            while i > bottom && at(places, i - 1) < x {
                                 *places.get_unchecked_mut(i) = *places.get_unchecked(i - 1);
                                 i -= 1;
                             }
@@ -171,27 +186,113 @@ pub(crate) fn closest<S: Simd, const PREFETCH: bool, K: Filter>(
                 for i in first..first + count {
                     // SAFETY: `Tree::new` has checked every child.
                     let block = unsafe { tree.blocks().get_unchecked(i as usize) };
-                    block.closest::<S>(ray, instance, filter, best);
+                    block.closest::<S>(ray, instance, filter, &mut self.best);
                 }
-                limit = best.t * ONE_PLUS;
+                self.limit = self.best.t * ONE_PLUS;
             }
             Target::Shape(index) => {
-                shapes.closest(&tree.shapes()[index as usize], ray, best);
-                limit = best.t * ONE_PLUS;
+                shapes.closest(&tree.shapes()[index as usize], ray, &mut self.best);
+                self.limit = self.best.t * ONE_PLUS;
             }
         }
         loop {
-            if len == 0 {
-                return;
+            if self.len == 0 {
+                return false;
             }
-            len -= 1;
+            self.len -= 1;
             // SAFETY: everything below `len` was pushed.
-            let key = unsafe { at(&places, len) };
-            if f32::from_bits((key >> 32) as u32) <= limit {
-                current = Child(key as u32);
-                break;
+            let key = unsafe { at(places, self.len) };
+            if f32::from_bits((key >> 32) as u32) <= self.limit {
+                self.current = Child(key as u32);
+                return true;
             }
         }
+    }
+}
+
+/// Puts the nearest hit in the subtree `start` into `best` if it comes before.
+#[inline(always)]
+pub(crate) fn closest<S: Simd, const PREFETCH: bool, K: Filter>(
+    tree: &Tree,
+    start: Child,
+    ray: &SingleRay,
+    instance: u32,
+    filter: &K,
+    shapes: &impl Shapes,
+    best: &mut Best,
+) {
+    let mut places = no_places();
+    let mut walk = Nearest::new(start, *best);
+    while walk.step::<S, PREFETCH, K>(&mut places, tree, ray, instance, filter, shapes) {}
+    *best = walk.best;
+}
+
+/// A ray on its way to any hit.
+pub(crate) struct Any {
+    pub current: Child,
+    len: usize,
+}
+
+/// What a step came to.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Step {
+    GoOn,
+    Blocked,
+    Free,
+}
+
+impl Any {
+    #[inline(always)]
+    pub fn new(start: Child) -> Self {
+        Self { current: start, len: 0 }
+    }
+
+    /// Visits `current` and goes on to the next.
+    #[inline(always)]
+    #[allow(clippy::too_many_arguments)]
+    pub fn step<S: Simd, K: Filter>(
+        &mut self,
+        places: &mut Places<u32>,
+        tree: &Tree,
+        ray: &SingleRay,
+        instance: u32,
+        filter: &K,
+        shapes: &impl Shapes,
+        tmax: f32,
+    ) -> Step {
+        match self.current.target() {
+            Target::Node(index) => {
+                // SAFETY: `Tree::new` has checked every child.
+                let node = unsafe { tree.nodes().get_unchecked(index as usize) };
+                let (mask, _) = node.enter::<S>(ray, S::F8::splat(tmax * ONE_PLUS));
+                let children = S::compress(&node.children.map(|child| child.0), mask);
+                // SAFETY: `Tree::new` has checked that the stack is large enough for all pushes on the way and eight
+                // more.
+                unsafe { places.as_mut_ptr().add(self.len).cast::<[u32; 8]>().write_unaligned(children) };
+                self.len += mask.count_ones() as usize;
+            }
+            Target::Blocks { first, count } => {
+                for i in first..first + count {
+                    // SAFETY: `Tree::new` has checked every child.
+                    let block = unsafe { tree.blocks().get_unchecked(i as usize) };
+                    if block.occluded::<S>(ray, instance, filter, tmax) {
+                        return Step::Blocked;
+                    }
+                }
+            }
+            Target::Shape(index) => {
+                if shapes.occluded(&tree.shapes()[index as usize], ray, tmax) {
+                    return Step::Blocked;
+                }
+            }
+        }
+        if self.len == 0 {
+            return Step::Free;
+        }
+        self.len -= 1;
+        // SAFETY: everything below `len` was pushed.
+        self.current = Child(unsafe { at(places, self.len) });
+        Step::GoOn
     }
 }
 
@@ -206,42 +307,12 @@ pub(crate) fn occluded<S: Simd, K: Filter>(
     shapes: &impl Shapes,
     tmax: f32,
 ) -> bool {
-    let mut places: Places<u32> = [const { MaybeUninit::uninit() }; STACK];
-    let mut len = 0;
-    let mut current = start;
-    let limit = tmax * ONE_PLUS;
+    let mut places = no_places();
+    let mut walk = Any::new(start);
     loop {
-        match current.target() {
-            Target::Node(index) => {
-                // SAFETY: `Tree::new` has checked every child.
-                let node = unsafe { tree.nodes().get_unchecked(index as usize) };
-                let (mask, _) = node.enter::<S>(ray, S::F8::splat(limit));
-                let children = S::compress(&node.children.map(|child| child.0), mask);
-                // SAFETY: `Tree::new` has checked that the stack is large enough for all pushes on the way and eight
-                // more.
-                unsafe { places.as_mut_ptr().add(len).cast::<[u32; 8]>().write_unaligned(children) };
-                len += mask.count_ones() as usize;
-            }
-            Target::Blocks { first, count } => {
-                for i in first..first + count {
-                    // SAFETY: `Tree::new` has checked every child.
-                    let block = unsafe { tree.blocks().get_unchecked(i as usize) };
-                    if block.occluded::<S>(ray, instance, filter, tmax) {
-                        return true;
-                    }
-                }
-            }
-            Target::Shape(index) => {
-                if shapes.occluded(&tree.shapes()[index as usize], ray, tmax) {
-                    return true;
-                }
-            }
+        match walk.step::<S, K>(&mut places, tree, ray, instance, filter, shapes, tmax) {
+            Step::GoOn => {}
+            step => return step == Step::Blocked,
         }
-        if len == 0 {
-            return false;
-        }
-        len -= 1;
-        // SAFETY: everything below `len` was pushed.
-        current = Child(unsafe { at(&places, len) });
     }
 }
