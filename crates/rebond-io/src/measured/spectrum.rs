@@ -1,4 +1,4 @@
-//! Reflectance spectra to linear Rec. 709, under daylight D65: grey stays grey.
+//! Reflectance spectra to linear Rec. 709, under daylight D65 (CIE 015:2018): grey stays grey.
 
 /// From 380 nm on in steps of 10: x̄, ȳ, z̄ of the CIE 1931 standard observer (2°), and the standard illuminant D65.
 const STANDARDS: [[f64; 4]; 41] = [
