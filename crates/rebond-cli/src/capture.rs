@@ -66,7 +66,12 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
         None if is_isotropic(&material, a.seed) => [90, 1, 90, 180],
         None => [24, 48, 24, 48],
     };
-    let refuse = |problem: String| Failure::usage(format!("\"{}\" is not captured: {problem}", a.material), HELP);
+    let help = if material.is_partly_specular() || material.transmits() {
+        "tables hold what is reflected over a range of directions: rough metal, plastic, diffuse and the like"
+    } else {
+        "give another --resolution, or another --noise"
+    };
+    let refuse = |problem: String| Failure::usage(format!("\"{}\" is not captured: {problem}", a.material), help);
     let of = |size: [u32; 4]| {
         let settings = CaptureSettings { size, samples: a.samples, noise: a.noise, seed: a.seed };
         let table = capture(&material, &settings).map_err(refuse)?;
@@ -97,9 +102,6 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
     }
     Ok(())
 }
-
-const HELP: &str =
-    "tables hold what is reflected over a range of directions: rough metal, plastic, diffuse and the like";
 
 /// A look at whether a file can be written, before any work is done, without losing one that is there.
 fn check_output(path: &Path, extension: &str, force: bool) -> Result<(), Failure> {
