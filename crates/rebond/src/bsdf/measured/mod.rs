@@ -7,7 +7,7 @@
 //! | [`AdaptiveTable`] | a grid that follows the lobe | RGL's database (Dupuy and Jakob 2018) |
 //!
 //! Each evaluates as its own file says: values are looked up where they stand, nothing is resampled. Directions for all
-//! three are drawn from one kind of distribution, tabulated when the material is built ([`directions`]). A table is read
+//! three are drawn from one kind of distribution, tabulated when the material is built (`directions.rs`). A table is read
 //! as `f_r(ωi, ωo)` with ωo towards the viewer, so that data that are not reciprocal keep their meaning on paths from
 //! lights.
 
