@@ -47,7 +47,7 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
 }
 
 /// The material that an argument names or describes.
-fn open(text: &str) -> Result<Material, Failure> {
+pub fn open(text: &str) -> Result<Material, Failure> {
     if let Some((scene, name)) = text.rsplit_once('#') {
         let source = SceneSource::open(scene)?;
         return Ok(source.material(name)?);

@@ -1,6 +1,8 @@
 //! The `rebond` program: arguments, progress, reports.
 
 mod bsdf;
+mod capture;
+mod capture_plot;
 mod diff;
 mod list;
 mod lobe_plot;
@@ -30,6 +32,8 @@ enum Command {
     Diff(diff::Arguments),
     /// Check that a material is what it claims to be, and draw its lobe.
     Bsdf(bsdf::Arguments),
+    /// Tabulate a material as `f_r[θi][φi][θo][φo][colour]`, and say what the table gets wrong.
+    Capture(capture::Arguments),
     /// List the built-in scenes.
     Scenes(list::JsonFlag),
     /// Say what a scene is made of.
@@ -68,6 +72,7 @@ fn main() -> ExitCode {
         Command::Render(a) => render::run(&a),
         Command::Diff(a) => diff::run(&a),
         Command::Bsdf(a) => bsdf::run(&a),
+        Command::Capture(a) => capture::run(&a),
         Command::Scenes(a) => list::scenes(&a),
         Command::Info(a) => list::info(&a),
         Command::Integrators(a) => list::integrators(&a),

@@ -68,7 +68,7 @@ fn write_one(image: &Image, path: &Path, png: &PngOptions) -> Result<(), String>
 }
 
 /// Writes beside the file and renames, so that a failure leaves no half of one.
-fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), String> {
+pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), String> {
     let mut beside = path.as_os_str().to_owned();
     beside.push(".part");
     let written = std::fs::write(&beside, bytes).and_then(|()| std::fs::rename(&beside, path));

@@ -386,3 +386,76 @@ fn lobes_are_drawn() {
         assert!(svg.contains("light from 60°"), "{name}");
     }
 }
+
+#[test]
+fn a_material_is_captured_and_read_back() {
+    let folder = temporary();
+    let arguments = ["capture", "phong:exponent=20", "-r", "24", "-o", "a.safetensors"];
+    let words = answer(&folder, &[&arguments[..], &["--plot", "a.svg"]].concat());
+    let rows = words.lines().filter(|l| l.contains(" × 1 × ")).collect::<Vec<_>>();
+    assert_eq!(rows.len(), 4, "{words}");
+    assert!(rows[3].starts_with("24 × 1 × 24 × 48"), "{words}");
+    assert!(words.ends_with("kB)\na.svg\n"), "{words}");
+    assert!(text(&bytes(&folder, "a.svg")).starts_with("<svg"));
+    let (captured, plot) = (bytes(&folder, "a.safetensors"), bytes(&folder, "a.svg"));
+
+    // The same again, as an object; what exists is not written over unless asked for.
+    let object =
+        json(&answer(&folder, &["capture", "phong:exponent=20", "-r", "24,1,24,48", "-o", "b.safetensors", "--json"]));
+    assert_eq!(bytes(&folder, "b.safetensors"), captured);
+    let tables = object["tables"].as_array().expect("tables");
+    let number = |i: usize, key: &str| tables[i][key].as_f64().expect(key);
+    assert_eq!((tables.len(), &object["outputs"]), (4, &serde_json::json!(["b.safetensors"])));
+    assert_eq!(number(3, "bytes"), 24.0 * 24.0 * 48.0 * 12.0);
+    for key in ["rms", "even_light", "bound"] {
+        assert!((1..4).all(|i| number(i, key) < 0.7 * number(i - 1, key)), "{key} falls with size: {object}");
+    }
+    for over in ["a.safetensors", "a.svg"] {
+        let other = if over == "a.svg" { "c.safetensors" } else { over };
+        let output = run(&folder, &["capture", "diffuse", "-o", other, "--plot", over]);
+        assert_eq!(output.status.code(), Some(2));
+    }
+    let output = run(&folder, &["capture", "diffuse", "-o", "a.safetensors"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output.stderr).contains("--force"), "{}", text(&output.stderr));
+    assert_eq!((bytes(&folder, "a.safetensors"), bytes(&folder, "a.svg")), (captured.clone(), plot));
+    assert_eq!(names_in(folder.path()), ["a.safetensors", "a.svg", "b.safetensors"]);
+    answer(&folder, &["capture", "diffuse", "-r", "4", "-o", "b.safetensors", "--force"]);
+    assert_ne!(bytes(&folder, "b.safetensors"), captured);
+
+    // A table is a material like any other.
+    let object = json(&answer(&folder, &["bsdf", "measured:file=a.safetensors", "--json"]));
+    let is = |property: &str, key: &str| object[property][key].as_bool().expect(key);
+    assert!(object["holds"] == true && is("sampling", "holds") && is("positivity", "holds"), "{object}");
+    assert!(is("energy", "holds") && is("reciprocity", "holds"), "{object}");
+    // One that reflects more than it receives is told, though it claims nothing.
+    answer(
+        &folder,
+        &["capture", "blinn-phong:form=lecture,exponent=60,reflectance=1", "-r", "30", "-o", "d.safetensors"],
+    );
+    let object = json(&answer(&folder, &["bsdf", "measured:file=d.safetensors", "--json"]));
+    assert_eq!((&object["holds"], &object["energy"]["holds"]), (&true.into(), &false.into()), "{object}");
+}
+
+#[test]
+fn what_has_no_table_is_not_captured() {
+    let folder = temporary();
+    for (material, reason) in [
+        ("mirror", "mirrors"),
+        ("dielectric:alpha=0.3", "passes through"),
+        ("glossy-spheres#nothing", "no material"),
+        ("diffuse", "no resolution"),
+        ("measured:file=none.binary", "none.binary"),
+    ] {
+        let output = run(&folder, &["capture", material, "-r", "3,4", "-o", "x.safetensors"]);
+        let output = if reason == "no resolution" {
+            output
+        } else {
+            run(&folder, &["capture", material, "-o", "x.safetensors"])
+        };
+        assert_eq!(output.status.code(), Some(2), "{material}");
+        assert!(text(&output.stderr).contains(reason), "{material}: {}", text(&output.stderr));
+    }
+    assert_eq!(run(&folder, &["capture", "diffuse", "-o", "x.png"]).status.code(), Some(2));
+    assert!(names_in(folder.path()).is_empty());
+}

@@ -1,10 +1,11 @@
-//! Scene files and images to and from rebond's types: bytes in, values out.
+//! Scene files, images and measured materials to and from rebond's types: bytes in, values out.
 #![forbid(unsafe_code)]
 
 pub mod deserialize;
 pub mod document;
 mod error;
 pub mod images;
+pub mod measured;
 pub mod meshes;
 mod scene;
 
@@ -12,5 +13,6 @@ pub use deserialize::{from_settings, from_toml};
 pub use document::Document;
 pub use error::{Error, Place};
 pub use images::{ImageFormat, PngOptions, Tonemap, read_image, read_image_raw, write_image};
+pub use measured::{read_measured, write_table};
 pub use meshes::{MeshData, read_mesh, read_obj, read_ply, write_ply};
 pub use scene::{BUILT_IN_SCENES, BuiltIn, SceneFiles, SceneSource};

@@ -2,8 +2,9 @@
 
 use crate::document::Document;
 use crate::error::{Error, Place};
-use crate::{from_toml, read_image, read_image_raw, read_obj, read_ply};
+use crate::{from_toml, read_image, read_image_raw, read_measured, read_obj, read_ply};
 use rebond::bsdf::check::Material;
+use rebond::bsdf::measured::Measured;
 use rebond::film::Image;
 use rebond::scene::description::MaterialRef;
 use rebond::scene::{BuildError, MeshSource, Resources, Scene, SceneDescription, build, material};
@@ -86,6 +87,10 @@ impl Resources for SceneFiles {
             Encoding::Linear => read_image_raw(&bytes, file),
         };
         image.map_err(|e| format!("\"{file}\": {}", e.message))
+    }
+
+    fn measured(&self, file: &str) -> Result<Measured, String> {
+        read_measured(&self.read(file)?, file).map_err(|e| format!("\"{file}\": {}", e.message))
     }
 }
 

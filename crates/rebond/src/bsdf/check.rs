@@ -10,12 +10,14 @@
 //! Energy is judged by a one-sided test of the mean of importance-sampled weights, samplers by Pearson's χ² over cells of
 //! θ × φ. Each is one test among many, so its level is that of all together after Šidák (1967).
 
+use super::measured::Tables;
 use super::{Bsdf, BsdfSample, TransportMode};
 use crate::math::{Rgb, Vec3, vec3};
 use crate::sampling::{Sampler, SamplerSettings, Stream, warp};
 use rebond_lanes::scalar::Index1;
 use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
 use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
 
 /// Chance that a sound BSDF fails one of its tests, all of one property taken together.
 pub const SIGNIFICANCE: f64 = 0.01;
@@ -29,7 +31,8 @@ pub fn sidak(tests: usize) -> f64 {
 /// What scatters: BSDFs in shares that add up to 1, all with the same frame. Most materials are one BSDF; a mix has several.
 #[derive(Clone, Debug)]
 pub struct Material {
-    parts: Vec<(f32, Bsdf<f32>)>,
+    parts: Vec<(f32, Bsdf<'static, f32>)>,
+    tables: Arc<Tables>,
 }
 
 /// What a material is meant to satisfy.
@@ -221,8 +224,13 @@ impl Report {
 
 impl Material {
     /// A material of these shares, which add up to 1.
-    pub fn new(parts: Vec<(f32, Bsdf<f32>)>) -> Self {
-        Self { parts }
+    pub fn new(parts: Vec<(f32, Bsdf<'static, f32>)>) -> Self {
+        Self { parts, tables: Arc::default() }
+    }
+
+    /// The same with the tables of those parts that are measured.
+    pub fn with_tables(self, tables: Tables) -> Self {
+        Self { tables: Arc::new(tables), ..self }
     }
 
     /// What it claims: what all of its parts do.
@@ -241,6 +249,11 @@ impl Material {
         self.parts.iter().all(|(_, b)| b.is_specular())
     }
 
+    /// Whether some of its light leaves in single directions.
+    pub fn is_partly_specular(&self) -> bool {
+        self.parts.iter().any(|(_, b)| b.is_specular())
+    }
+
     /// The frame in which all directions of this module are given.
     fn world(&self, w: Vec3<f32>) -> Vec3<f32> {
         self.parts[0].1.frame.to_world(w)
@@ -254,7 +267,7 @@ impl Material {
         let (a, b) = (self.world(a), self.world(b));
         let (mut f, mut pdf) = (Rgb::black(), 0.0);
         for (share, part) in &self.parts {
-            let value = part.eval(a, b, mode, true);
+            let value = part.with_tables(&self.tables).eval(a, b, mode, true);
             f += value.f * *share;
             pdf += value.pdf.0 * share;
         }
@@ -262,7 +275,14 @@ impl Material {
     }
 
     /// A direction given `a`, both in the local frame; from three numbers besides the one that picks a part.
-    fn sample(&self, a: Vec3<f32>, part: f32, u: [f32; 2], choice: f32, mode: TransportMode) -> BsdfSample<f32> {
+    pub(super) fn sample(
+        &self,
+        a: Vec3<f32>,
+        part: f32,
+        u: [f32; 2],
+        choice: f32,
+        mode: TransportMode,
+    ) -> BsdfSample<f32> {
         let mut left = part;
         let mut chosen = &self.parts[self.parts.len() - 1].1;
         for (share, bsdf) in &self.parts {
@@ -272,7 +292,7 @@ impl Material {
             }
             left -= share;
         }
-        let mut sample = chosen.sample(self.world(a), u, || choice, mode, true);
+        let mut sample = chosen.with_tables(&self.tables).sample(self.world(a), u, || choice, mode, true);
         sample.w = self.local(sample.w);
         sample
     }
@@ -430,18 +450,18 @@ impl Material {
 }
 
 /// Independent random numbers, some for each of `n`.
-fn numbers(seed: u64, n: u32) -> impl Iterator<Item = Numbers> {
+pub(super) fn numbers(seed: u64, n: u32) -> impl Iterator<Item = Numbers> {
     let sampler = Sampler::new(SamplerSettings::Independent {}, seed);
     (0..n).map(move |i| Numbers(sampler.stream(Index1(i), Index1(0))))
 }
 
-struct Numbers(Stream<f32>);
+pub(super) struct Numbers(Stream<f32>);
 
 impl Numbers {
-    fn pair(&self, dimension: u32) -> [f32; 2] {
+    pub(super) fn pair(&self, dimension: u32) -> [f32; 2] {
         self.0.pair(Index1(dimension))
     }
-    fn value(&self, dimension: u32) -> f32 {
+    pub(super) fn value(&self, dimension: u32) -> f32 {
         self.0.value(Index1(dimension))
     }
 }

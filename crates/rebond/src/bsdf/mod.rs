@@ -1,6 +1,6 @@
 //! How surfaces scatter: `f_r`, without the cosine.
 //!
-//! A [`Bsdf`] is plain data: which model, its parameters, the frame it stands in. The models are one file each, in
+//! A [`Bsdf`] is plain data: which model, its parameters, the frame it stands in, and where tables are. The models are one file each, in
 //! local coordinates (z = shading normal); this file dispatches over the models present among the lanes and holds the
 //! two things that are the same for all: the agreement of shading and geometric normals, and the correction that makes
 //! scattering with shading normals adjoint (Veach 1997, §5.3.2). Directions point away from the surface.
@@ -8,6 +8,7 @@
 mod albedo;
 mod ashikhmin_shirley;
 mod blinn_phong;
+pub mod capture;
 pub mod check;
 mod compensated_conductor;
 mod conductor;
@@ -16,6 +17,7 @@ mod diffuse;
 pub mod fresnel;
 mod ggx;
 pub use ggx::SMOOTH;
+pub mod measured;
 mod mirror;
 mod oren_nayar;
 mod phong;
@@ -27,6 +29,7 @@ mod thin_dielectric;
 
 use crate::math::{Frame, Rgb, Vec3};
 use crate::sampling::PdfSolidAngle;
+use measured::Tables;
 use rebond_lanes::{Index, Mask, Real};
 
 /// What is carried along a path: radiance when it starts at the camera, importance when it starts at a light.
@@ -76,11 +79,17 @@ pub enum Model {
     CompensatedConductor,
     /// Metal, plastic or glass under sheen and clearcoat.
     Principled,
+    /// A table over the angles of both directions.
+    Angles,
+    /// A table over the angles of half vector and difference.
+    HalfDifference,
+    /// A table that follows the lobe.
+    Adaptive,
 }
 
 impl Model {
     /// Every model, in the order of their numbers.
-    pub const ALL: [Model; 16] = [
+    pub const ALL: [Model; 19] = [
         Model::Diffuse,
         Model::Mirror,
         Model::Dielectric,
@@ -97,11 +106,20 @@ impl Model {
         Model::Plastic,
         Model::CompensatedConductor,
         Model::Principled,
+        Model::Angles,
+        Model::HalfDifference,
+        Model::Adaptive,
     ];
 
-    /// What the model claims. The lecture prints its lobes as BRDFs, so they claim what a BRDF must be.
+    /// What the model claims. The lecture prints its lobes as BRDFs, so they claim what a BRDF must be. Measurements are what
+    /// they are; only the half vector's angles cannot tell the two directions apart.
     pub fn claims(self) -> check::Claims {
-        check::Claims { reciprocity: true, energy: true }
+        check::Claims { reciprocity: !matches!(self, Model::Angles | Model::Adaptive), energy: !self.is_measured() }
+    }
+
+    /// Whether it reads a table.
+    pub fn is_measured(self) -> bool {
+        matches!(self, Model::Angles | Model::HalfDifference | Model::Adaptive)
     }
 
     /// Bit m: model m is specular.
@@ -186,7 +204,7 @@ impl<F: Real> BsdfSample<F> {
 
 /// A BSDF at a point.
 #[derive(Clone, Copy, Debug)]
-pub struct Bsdf<F: Real> {
+pub struct Bsdf<'a, F: Real> {
     /// Model of each lane.
     model: F::Index,
     /// Bit m: some lane has model m.
@@ -196,10 +214,12 @@ pub struct Bsdf<F: Real> {
     frame: Frame<F>,
     /// Geometric normal.
     ng: Vec3<F>,
+    /// What measured models read.
+    tables: &'a Tables,
 }
 
-impl<F: Real> Bsdf<F> {
-    /// A BSDF. `candidates` has bit m set for each model m that the lanes of `mask` may have.
+impl<F: Real> Bsdf<'static, F> {
+    /// A BSDF that is not measured. `candidates` has bit m set for each model m that the lanes of `mask` may have.
     #[inline(always)]
     pub fn new(model: F::Index, candidates: u32, lobe: Lobe<F>, frame: Frame<F>, ng: Vec3<F>, mask: F::Mask) -> Self {
         let present = if candidates.is_power_of_two() {
@@ -208,7 +228,15 @@ impl<F: Real> Bsdf<F> {
             let is_there = |m: u32| candidates >> m & 1 == 1 && (model.eq(F::Index::splat(m)) & mask).any();
             (0..Model::ALL.len() as u32).filter(|m| is_there(*m)).fold(0, |bits, m| bits | 1 << m)
         };
-        Self { model, present, lobe, frame, ng }
+        Self { model, present, lobe, frame, ng, tables: &measured::NO_TABLES }
+    }
+}
+
+impl<F: Real> Bsdf<'_, F> {
+    /// The same with tables; the first parameter of a measured model holds the bits of its table's number.
+    #[inline(always)]
+    pub fn with_tables(self, tables: &Tables) -> Bsdf<'_, F> {
+        Bsdf { tables, ..self }
     }
 
     /// The shading normal.
@@ -284,6 +312,9 @@ impl<F: Real> Bsdf<F> {
                 Model::Plastic => plastic::eval(&self.lobe, a, b),
                 Model::CompensatedConductor => compensated_conductor::eval(&self.lobe, a, b),
                 Model::Principled => principled::eval(self.lobe, a, b, mode),
+                Model::Angles | Model::HalfDifference | Model::Adaptive => {
+                    self.tables.eval(model, self.lobe.p[0], a, b, mode)
+                }
             };
             let v = v.masked(lanes);
             value = BsdfValue { f: value.f + v.f, pdf: PdfSolidAngle(value.pdf.0 + v.pdf.0) };
@@ -323,6 +354,9 @@ impl<F: Real> Bsdf<F> {
                 Model::Plastic => plastic::sample(&self.lobe, a, u, choice()),
                 Model::CompensatedConductor => compensated_conductor::sample(&self.lobe, a, u, choice()),
                 Model::Principled => principled::sample(self.lobe, a, u, choice(), mode),
+                Model::Angles | Model::HalfDifference | Model::Adaptive => {
+                    self.tables.sample(model, self.lobe.p[0], a, u, choice(), mode)
+                }
             };
             sample = if lanes.all() { s } else { BsdfSample::select(lanes, s, sample) };
         });
@@ -334,7 +368,7 @@ impl<F: Real> Bsdf<F> {
     }
 }
 
-impl Bsdf<f32> {
+impl Bsdf<'_, f32> {
     /// Its model.
     pub fn model(&self) -> Model {
         Model::ALL[self.model.lane(0) as usize]
@@ -360,7 +394,10 @@ impl Bsdf<f32> {
             | Model::OrenNayar
             | Model::AshikhminShirley
             | Model::Plastic
-            | Model::CompensatedConductor => false,
+            | Model::CompensatedConductor
+            | Model::Angles
+            | Model::HalfDifference
+            | Model::Adaptive => false,
             Model::Principled => self.lobe.p[1] > 0.0 && self.lobe.p[0] < 1.0,
         }
     }

@@ -74,7 +74,7 @@ fn models() -> Vec<(&'static str, Model, [f32; PARAMETERS])> {
     ]
 }
 
-fn bsdf(model: Model, p: [f32; PARAMETERS]) -> Bsdf<f32> {
+fn bsdf(model: Model, p: [f32; PARAMETERS]) -> Bsdf<'static, f32> {
     let n = vec3(0.3, -0.5, 0.8).normalized();
     let frame = Frame::with_tangent(n, vec3(1.0, 0.2, 0.1));
     Bsdf::new(Index1(model as u32), 1 << model as u32, lobe(p), frame, n, true)
@@ -115,7 +115,7 @@ fn material(model: Model, p: [f32; PARAMETERS], color: [f32; 3]) -> Material {
 #[test]
 fn samples_follow_their_densities() {
     for model in Model::ALL {
-        if model.is_specular() {
+        if model.is_specular() || model.is_measured() {
             continue;
         }
         let effort = Effort { chi2_samples: 100_000, ..Effort::default() };

@@ -8,12 +8,26 @@ use rebond_lanes::{Index, Real, Record};
 /// A piecewise constant density on the cells of a grid.
 #[derive(Clone, Debug)]
 pub struct Grid {
-    /// Levels from the root; the last one's children are the cells.
-    levels: Vec<Level>,
+    tree: Tree,
     nodes: Vec<Record>,
     /// 1 / sum of the weights.
     scale: f32,
 }
+
+/// Densities on grids of one size, chosen by number.
+#[derive(Clone, Debug)]
+pub struct Grids {
+    size: [u32; 2],
+    tree: Tree,
+    /// Nodes of each grid.
+    stride: u32,
+    /// The nodes of one grid after the other; the root's sums add up to 1.
+    nodes: Vec<Record>,
+}
+
+/// Levels from the root; the last one's children are the cells.
+#[derive(Clone, Debug)]
+struct Tree(Vec<Level>);
 
 #[derive(Clone, Copy, Debug)]
 struct Level {
@@ -38,12 +52,12 @@ pub struct Cell<F: Real> {
     pub probability: F,
 }
 
-impl Grid {
-    /// Cells chosen in proportion to finite, non-negative weights, `size[0]` to a row; `None` if they are all 0.
+impl Tree {
+    /// The tree over these weights, its nodes, and their sum.
     ///
     /// # Panics
     /// If there are not `size[0] · size[1]` weights.
-    pub fn new(size: [u32; 2], weights: &[f32]) -> Option<Self> {
+    fn new(size: [u32; 2], weights: &[f32]) -> (Self, Vec<[f64; 4]>, f64) {
         assert_eq!(weights.len(), size[0] as usize * size[1] as usize);
         let bits = size.map(|n| n.next_power_of_two().ilog2());
         let mut width = 1_usize << bits[0];
@@ -52,7 +66,7 @@ impl Grid {
             row.iter_mut().zip(from).for_each(|(sum, w)| *sum = f64::from(*w));
         }
         // From the cells up: halve whatever side is longer than one, always at least one level.
-        let mut from_below: Vec<(Level, Vec<Record>)> = Vec::new();
+        let mut from_below: Vec<(Level, Vec<[f64; 4]>)> = Vec::new();
         let (mut bx, mut by) = (bits[0], bits[1]);
         while from_below.is_empty() || bx + by > 0 {
             let grows = [bx.min(1), by.min(1)];
@@ -66,33 +80,28 @@ impl Grid {
                 [sum(false, false), sum(true, false), sum(false, true), sum(true, true)]
             };
             let all: Vec<[f64; 4]> = (0..1_usize << (bx + by)).map(children).collect();
-            let records = all.iter().map(|c| Record(c.map(|v| v as f32))).collect();
-            from_below.push((Level { start: 0, row_bits: bx, grows }, records));
             sums = all.iter().map(|c| c.iter().sum()).collect();
+            from_below.push((Level { start: 0, row_bits: bx, grows }, all));
             width = 1 << bx;
         }
-        let total = sums[0];
-        if !(total > 0.0 && total.is_finite()) {
-            return None;
-        }
         let (mut levels, mut nodes) = (Vec::new(), Vec::new());
-        for (level, records) in from_below.into_iter().rev() {
+        for (level, sums) in from_below.into_iter().rev() {
             levels.push(Level { start: nodes.len() as u32, ..level });
-            nodes.extend(records);
+            nodes.extend(sums);
         }
-        Some(Self { levels, nodes, scale: (1.0 / total) as f32 })
+        (Self(levels), nodes, sums[0])
     }
 
-    /// A cell, from u in [0, 1)².
-    #[inline]
-    pub fn sample<F: Real>(&self, u: [F; 2]) -> Cell<F> {
+    /// A cell of the grid whose nodes start at `first`; its probability times the sum of the weights.
+    #[inline(always)]
+    fn descend<F: Real>(&self, nodes: &[Record], first: F::Index, u: [F; 2]) -> Cell<F> {
         let [mut ux, mut uy] = u;
         let (mut x, mut y) = (F::Index::splat(0), F::Index::splat(0));
         let mut weight = F::zero();
         let below_one = F::splat(super::sampler::ONE_MINUS_EPSILON);
-        for level in &self.levels {
-            let node = F::Index::splat(level.start) + (y << level.row_bits) + x;
-            let [a, b, c, d] = F::record(&self.nodes, node);
+        for level in &self.0 {
+            let node = first + F::Index::splat(level.start) + (y << level.row_bits) + x;
+            let [a, b, c, d] = F::record(nodes, node);
             let (lower, v) = split(uy, a + b, c + d);
             let (p, q) = (F::select(lower, c, a), F::select(lower, d, b));
             let (right, w) = split(ux, p, q);
@@ -101,7 +110,60 @@ impl Grid {
             let one = |m| F::Index::select(m, F::Index::splat(1), F::Index::splat(0));
             (x, y) = ((x << level.grows[0]) + one(right), (y << level.grows[1]) + one(lower));
         }
-        Cell { x, y, u: [ux, uy], probability: weight * self.scale }
+        Cell { x, y, u: [ux, uy], probability: weight }
+    }
+}
+
+impl Grid {
+    /// Cells chosen in proportion to finite, non-negative weights, `size[0]` to a row; `None` if they are all 0.
+    ///
+    /// # Panics
+    /// If there are not `size[0] · size[1]` weights.
+    pub fn new(size: [u32; 2], weights: &[f32]) -> Option<Self> {
+        let (tree, nodes, total) = Tree::new(size, weights);
+        if !(total > 0.0 && total.is_finite()) {
+            return None;
+        }
+        let nodes = nodes.iter().map(|sums| Record(sums.map(|v| v as f32))).collect();
+        Some(Self { tree, nodes, scale: (1.0 / total) as f32 })
+    }
+
+    /// A cell, from u in [0, 1)².
+    #[inline]
+    pub fn sample<F: Real>(&self, u: [F; 2]) -> Cell<F> {
+        let cell = self.tree.descend(&self.nodes, F::Index::splat(0), u);
+        Cell { probability: cell.probability * self.scale, ..cell }
+    }
+
+    /// Bytes held.
+    pub fn bytes(&self) -> usize {
+        size_of_val(&*self.nodes)
+    }
+}
+
+impl Grids {
+    /// None yet, all of `size[0]` columns and `size[1]` rows.
+    pub fn new(size: [u32; 2]) -> Self {
+        let (tree, nodes, _) = Tree::new(size, &vec![0.0; size[0] as usize * size[1] as usize]);
+        Self { size, tree, stride: nodes.len() as u32, nodes: Vec::new() }
+    }
+
+    /// Adds a grid as [`Grid::new`] does; its number is how many there were. All 0 counts as all 1.
+    ///
+    /// # Panics
+    /// If there are not `size[0] · size[1]` weights.
+    pub fn push(&mut self, weights: &[f32]) {
+        let (_, mut nodes, mut total) = Tree::new(self.size, weights);
+        if !(total > 0.0 && total.is_finite()) {
+            (_, nodes, total) = Tree::new(self.size, &vec![1.0; weights.len()]);
+        }
+        self.nodes.extend(nodes.iter().map(|sums| Record(sums.map(|v| (v / total) as f32))));
+    }
+
+    /// A cell of a grid, from u in [0, 1)².
+    #[inline]
+    pub fn sample<F: Real>(&self, grid: F::Index, u: [F; 2]) -> Cell<F> {
+        self.tree.descend(&self.nodes, grid * F::Index::splat(self.stride), u)
     }
 
     /// Bytes held.
@@ -132,6 +194,7 @@ pub fn linear<F: Real>(u: F, a: F, b: F) -> F {
 mod tests {
     use super::*;
     use crate::testing::{chi2_square, random_pairs};
+    use rebond_lanes::scalar::Index1;
 
     #[test]
     fn cells_have_their_shares() {
@@ -157,6 +220,26 @@ mod tests {
             }
         }
         assert!(Grid::new([2, 2], &[0.0; 4]).is_none());
+    }
+
+    #[test]
+    fn grids_of_a_stack_are_the_grids_by_themselves() {
+        for size in [[5, 4], [1, 10], [32, 64], [1, 1]] {
+            let n = size[0] * size[1];
+            let weights = |k: u32| (0..n).map(|i| ((i * 7 + k) % 6) as f32 + 0.5).collect::<Vec<f32>>();
+            let mut stack = Grids::new(size);
+            stack.push(&weights(0));
+            stack.push(&vec![0.0; n as usize]);
+            stack.push(&weights(3));
+            for (number, weights) in [(0, weights(0)), (1, vec![1.0; n as usize]), (2, weights(3))] {
+                let grid = Grid::new(size, &weights).expect("some weight");
+                for u in random_pairs(500) {
+                    let (a, b) = (stack.sample::<f32>(Index1(number), u), grid.sample::<f32>(u));
+                    assert_eq!((a.x, a.y), (b.x, b.y));
+                    assert!((a.probability / b.probability - 1.0).abs() < 1e-5);
+                }
+            }
+        }
     }
 
     #[test]

@@ -7,6 +7,6 @@ mod sampler;
 pub mod warp;
 
 pub use discrete::Discrete;
-pub use grid::{Cell, Grid, linear};
+pub use grid::{Cell, Grid, Grids, linear};
 pub use measure::{PdfArea, PdfSolidAngle};
 pub use sampler::{Sampler, SamplerSettings, Stream};

@@ -9,6 +9,7 @@ use super::{
     BUMP_MAP, BuildError, EMITTER_PER_PRIMITIVE, Features, HAS_NORMALS, HAS_UVS, IS_DISK, IS_SPHERE, MASK,
     MATERIAL_RECORDS, MIX, NORMAL_MAP, Scene, SceneStatistics, TWO_SIDED,
 };
+use crate::bsdf::measured::{Measured, Tables};
 use crate::bsdf::{Bsdf, Lobe, Model, PARAMETERS, SMOOTH, check};
 use crate::camera::{Camera, Projection};
 use crate::emitter::{Emitter, Emitters, Environment, EnvironmentImage, LightSampler, NO_EMITTER, area_vector};
@@ -41,6 +42,10 @@ pub trait Resources {
     fn mesh(&self, file: &str, source: MeshSource) -> std::result::Result<MeshData, String>;
     /// The image in a file, in linear values, or what is wrong with it.
     fn image(&self, file: &str, encoding: Encoding) -> std::result::Result<Image, String>;
+    /// The measurements in a file, or what is wrong with it.
+    fn measured(&self, file: &str) -> std::result::Result<Measured, String> {
+        Err(format!("nothing here reads the measurements in \"{file}\""))
+    }
 }
 
 /// Builds a scene.
@@ -87,7 +92,7 @@ pub fn material(
     let number = builder.material_ref("material", material, 0)?;
     let mut parts = Vec::new();
     builder.parts(number, 1.0, &mut parts);
-    Ok(check::Material::new(parts))
+    Ok(check::Material::new(parts).with_tables(builder.measured))
 }
 
 fn film_size(description: &SceneDescription) -> Result<[u32; 2]> {
@@ -270,6 +275,9 @@ struct Builder<'a> {
     materials: Vec<Record>,
     named: BTreeMap<&'a str, u32>,
     textures: Textures,
+    measured: Tables,
+    /// Model and number of what was measured, by file.
+    measured_files: BTreeMap<&'a str, (Model, u32)>,
     features: Features,
     emitters: Vec<Emitter>,
     environments: Vec<Environment>,
@@ -299,6 +307,8 @@ impl<'a> Builder<'a> {
             materials: Vec::new(),
             named: BTreeMap::new(),
             textures: Textures::default(),
+            measured: Tables::default(),
+            measured_files: BTreeMap::new(),
             features: Features::default(),
             emitters: Vec::new(),
             environments: Vec::new(),
@@ -518,6 +528,11 @@ impl<'a> Builder<'a> {
                 }
                 Ok(number)
             }
+            M::Measured { file } => {
+                let (model, number) = self.measured(&format!("{path}.file"), file)?;
+                self.features.models |= 1 << model as u32;
+                Ok(self.push_material([model as u32, 0, 0, 0], [1.0; 3], first(&[f32::from_bits(number)])))
+            }
             M::Mix { a, b, weight } => {
                 let weight = number(&format!("{path}.weight"), *weight, 0.0..=1.0, "weight; it lies within [0, 1]")?;
                 let a = self.material_ref(&format!("{path}.a"), a, depth + 1)?;
@@ -576,13 +591,32 @@ impl<'a> Builder<'a> {
         }
     }
 
+    /// The model and number of a file's measurements.
+    fn measured(&mut self, path: &str, file: &'a str) -> Result<(Model, u32)> {
+        if let Some(known) = self.measured_files.get(file) {
+            return Ok(*known);
+        }
+        let measured = self.resources.measured(file).map_err(|e| BuildError::new(path, e))?;
+        if let Measured::HalfDifference(table) = &measured
+            && table.missing() > 0
+        {
+            let (missing, all) = (table.missing(), table.values().len());
+            self.warnings.push(format!("{missing} of {all} values of \"{file}\" are missing: taken from next to them"));
+        }
+        self.features.tangents |= !measured.is_isotropic();
+        let number = self.measured.add(&measured).map_err(|e| BuildError::new(path, e))?;
+        let found = (measured.model(), number);
+        self.measured_files.insert(file, found);
+        Ok(found)
+    }
+
     fn lobe(&mut self, model: Model, path: &str, reflectance: &Texture, r: f32) -> Result<u32> {
         let r = exponent(&format!("{path}.exponent"), r)?;
         self.simple(model, path, "reflectance", reflectance, first(&[r]))
     }
 
     /// The BSDFs of a material with their shares.
-    fn parts(&self, material: u32, share: f32, parts: &mut Vec<(f32, Bsdf<f32>)>) {
+    fn parts(&self, material: u32, share: f32, parts: &mut Vec<(f32, Bsdf<'static, f32>)>) {
         let record = |n: u32| self.materials[(material * MATERIAL_RECORDS + n) as usize].0;
         let head = self.head(material);
         match head[0] {
@@ -1068,6 +1102,7 @@ impl<'a> Builder<'a> {
         let emitters = Emitters::new(&self.emitters, self.environments);
         let tables = [&primitives, &self.vertices, &self.normals, &self.shapes, &self.analytic, &self.materials];
         let bytes = tables.iter().map(|t| t.len() * size_of::<Record>()).sum::<usize>() + self.textures.bytes();
+        let bytes = bytes + self.measured.bytes();
         let bytes = bytes + emitters.environments.iter().map(|(_, e)| e.bytes()).sum::<usize>();
         statistics.table_bytes = bytes as u64;
         statistics.warnings = self.warnings;
@@ -1082,6 +1117,7 @@ impl<'a> Builder<'a> {
             instance_keyframes,
             materials: self.materials,
             textures: self.textures,
+            measured: self.measured,
             features: self.features,
             light_sampler,
             emitters,

@@ -424,7 +424,13 @@ pub enum MaterialDescription {
         #[serde(default = "glass")]
         ior: f32,
     },
-    /// A share `weight` of `b`, the rest of `a`.
+    /// What was measured, or captured from another material: a `.safetensors` table of rebond's, MERL's `.binary` or RGL's
+    /// `.bsdf`.
+    Measured {
+        /// File, relative to the scene's.
+        file: String,
+    },
+    /// A share `weight` of `b`, the rest of `a`; linear in f_r.
     Mix {
         /// The material at weight 0.
         a: MaterialRef,

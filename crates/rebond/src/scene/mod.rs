@@ -9,6 +9,7 @@ pub use build::{MeshSource, Resources, build, material};
 pub use description::SceneDescription;
 pub use surface::Surface;
 
+use crate::bsdf::measured::Tables;
 use crate::bsdf::{Bsdf, Lobe, Model, PARAMETERS};
 use crate::camera::Camera;
 use crate::emitter::{EmitterHit, EmitterSample, Emitters, LightSampler};
@@ -84,6 +85,7 @@ pub struct Scene {
     /// Materials: `MATERIAL_RECORDS` each.
     materials: Vec<Record>,
     textures: Textures,
+    measured: Tables,
     features: Features,
     emitters: Emitters,
     light_sampler: LightSampler,
@@ -269,7 +271,7 @@ impl Scene {
 
     /// The BSDF of a surface. Mixes are resolved by drawing one of their parts, by `choice` in [0, 1).
     #[inline(always)]
-    pub fn bsdf<F: Real>(&self, surface: &Surface<F>, choice: impl FnOnce() -> F, mask: F::Mask) -> Bsdf<F> {
+    pub fn bsdf<F: Real>(&self, surface: &Surface<F>, choice: impl FnOnce() -> F, mask: F::Mask) -> Bsdf<'_, F> {
         let at = |material: F::Index, n: u32| material * F::Index::splat(MATERIAL_RECORDS) + F::Index::splat(n);
         let record = |material: F::Index, n: u32| F::record(&self.materials, at(material, n));
         let mut material = surface.material;
@@ -331,7 +333,7 @@ impl Scene {
             let (a, b) = (record(material, 2), record(material, 3));
             [a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3], first[3]]
         };
-        Bsdf::new(head[0], self.features.models, Lobe { color, p }, frame, ng, mask)
+        Bsdf::new(head[0], self.features.models, Lobe { color, p }, frame, ng, mask).with_tables(&self.measured)
     }
 
     /// Tilts the shading frames of lanes whose material is a map of normals or heights, and goes on to what is under it.
