@@ -55,4 +55,6 @@ bench:
 scenes: tools
 	$(PYTHON) scenes/make/checker.py scenes/checker.png
 	$(PYTHON) scenes/make/sky.py scenes/sky.hdr
+	$(PYTHON) scenes/make/window.py scenes/window.hdr
+	$(PYTHON) scenes/make/gallery.py scenes
 	$(if $(DRAGON),$(PYTHON) scenes/make/dragon.py $(DRAGON) scenes/dragon.ply)

@@ -107,6 +107,11 @@ fn at(keys: &[(f32, Affine)], time: f32) -> [[f64; 4]; 3] {
 
 /// The box in the world of a box that goes through all keyframes; every point moves along straight lines between them.
 pub(crate) fn world_bounds(instance: &Instance, (lo, hi): ([f32; 3], [f32; 3])) -> Bounds {
+    if (0..3).any(|k| lo[k] > hi[k]) {
+        return Bounds::EMPTY;
+    }
+    // An axis that does not count does not, however far the box goes along it.
+    let product = |m: f64, x: f32| if m == 0.0 { 0.0 } else { m * f64::from(x) };
     let mut low = [f64::INFINITY; 3];
     let mut high = [f64::NEG_INFINITY; 3];
     for (_, matrix) in &instance.keyframes {
@@ -114,7 +119,7 @@ pub(crate) fn world_bounds(instance: &Instance, (lo, hi): ([f32; 3], [f32; 3])) 
         for k in 0..3 {
             let (mut a, mut b) = (m[k][3], m[k][3]);
             for j in 0..3 {
-                let (x, y) = (m[k][j] * f64::from(lo[j]), m[k][j] * f64::from(hi[j]));
+                let (x, y) = (product(m[k][j], lo[j]), product(m[k][j], hi[j]));
                 a += x.min(y);
                 b += x.max(y);
             }
@@ -166,6 +171,11 @@ mod tests {
         let (lo, hi) = world_bounds(&instance, ([-1.0; 3], [1.0; 3])).corners();
         assert!(lo[0] <= -3.0 && hi[0] >= 3.0 && hi[1] < 1.001);
         assert!(Placed::new(0, &instance).is_ok());
+        let (far, none) = (f32::INFINITY, [f32::INFINITY; 3]);
+        let (lo, hi) = world_bounds(&instance, ([-1.0, -far, 0.0], [1.0, far, far])).corners();
+        assert_eq!((lo[1], hi[1], hi[2]), (f32::MIN, f32::MAX, f32::MAX));
+        assert!(lo[0] <= -3.0 && lo[0] > -3.001 && hi[0] >= 3.0 && hi[0] < 3.001);
+        assert!(world_bounds(&instance, (none, none.map(|x| -x))).is_empty());
         let mirrored = [[-1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
         let bad = Instance { geometry: 0, keyframes: vec![(0.0, IDENTITY), (1.0, mirrored)] };
         assert!(matches!(Placed::new(4, &bad), Err(BuildError::SingularMatrix { instance: 4 })));

@@ -38,10 +38,10 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
     }
     if a.json {
         let names: Vec<String> = outputs.iter().map(|(path, _)| path.display().to_string()).collect();
-        answer(&as_json(&a.material, &report, &names).to_string());
+        answer(&as_json(&a.material, &report, &names).to_string())?;
     } else {
-        as_table(&a.material, &report).iter().for_each(|line| answer(line));
-        outputs.iter().for_each(|(path, _)| answer(&path.display().to_string()));
+        as_table(&a.material, &report).iter().try_for_each(|line| answer(line))?;
+        outputs.iter().try_for_each(|(path, _)| answer(&path.display().to_string()))?;
     }
     if report.holds() { Ok(()) } else { Err(Failure::Claims) }
 }
@@ -52,15 +52,25 @@ pub fn open(text: &str) -> Result<Material, Failure> {
         let source = SceneSource::open(scene)?;
         return Ok(source.material(name)?);
     }
-    let (description, document) = from_settings::<MaterialDescription>(text)?;
+    let (description, document) = from_settings::<MaterialDescription>(text).map_err(|e| match e.help {
+        // Settings hold no tables.
+        None if e.message.contains("table") => e.with_help(IN_A_SCENE),
+        _ => e,
+    })?;
+    use MaterialDescription as M;
+    let nests = matches!(description, M::Mix { .. } | M::Mask { .. } | M::TwoSided { .. });
     let scene = SceneDescription::default();
     let reference = MaterialRef::Inline(Box::new(description));
     let files = SceneFiles::Folder(PathBuf::new());
     material(&scene, &reference, &files).map_err(|e| {
         let path = e.path.strip_prefix("material").unwrap_or(&e.path).trim_start_matches('.');
-        Error { help: e.help, ..document.error_at(path, e.message) }.into()
+        let help = if nests { Some(IN_A_SCENE.into()) } else { e.help };
+        Error { help, ..document.error_at(path, e.message) }.into()
     })
 }
+
+/// What to do about materials that settings cannot describe.
+const IN_A_SCENE: &str = "describe a material that holds images or other materials in a scene, and give SCENE#MATERIAL";
 
 /// The files to draw, and what to draw in each.
 fn outputs(path: &Path) -> Result<Vec<(PathBuf, lobe_plot::Plot)>, Failure> {
@@ -95,7 +105,8 @@ fn of_albedo(a: &Albedo) -> Value {
 fn as_json(material: &str, r: &Report, outputs: &[String]) -> Value {
     let (reciprocity, sampling) = (&r.reciprocity, &r.sampling);
     let tests = sampling.tests.iter().map(|t| {
-        json!({ "theta": t.at.theta, "phi": t.at.phi, "chi2": t.chi2, "degrees": t.degrees, "p": t.p, "integral": t.mass })
+        json!({ "theta": t.at.theta, "phi": t.at.phi, "chi2": t.chi2, "degrees": t.degrees, "p": t.p, "decided": t.decided,
+            "integral": t.mass })
     });
     json!({
         "material": material,
@@ -120,7 +131,8 @@ fn as_json(material: &str, r: &Report, outputs: &[String]) -> Value {
             "albedos": r.energy.albedos.iter().map(of_albedo).collect::<Vec<_>>(),
         },
         "sampling": {
-            "claimed": true, "holds": r.is_sampled_right(), "failures": sampling.failures, "level": sampling.level,
+            "claimed": true, "holds": r.is_sampled_right(), "failures": sampling.failures,
+            "undecided": sampling.undecided, "level": sampling.level,
             "disagreement": sampling.disagreement, "tests": tests.collect::<Vec<_>>(),
         },
         "outputs": outputs,
@@ -129,15 +141,21 @@ fn as_json(material: &str, r: &Report, outputs: &[String]) -> Value {
 
 fn as_table(material: &str, r: &Report) -> Vec<String> {
     let yes = |b: bool| if b { "yes" } else { "no" };
-    let line = |property: &str, claimed: bool, holds: bool, words: String| {
-        format!("{property:<12} {:<8} {:<6} {words}", yes(claimed), if holds { "yes" } else { "NO" })
+    let line = |property: &str, claimed: bool, holds: Option<bool>, words: String| {
+        let holds = holds.map_or("not decided", |holds| if holds { "yes" } else { "NO" });
+        format!("{property:<12} {:<8} {holds:<12} {words}", yes(claimed))
     };
     let at = |a: &Albedo| format!("light {} {:.1}°", side(a.mode), a.at.theta);
     let mut lines = vec![material.to_string(), String::new()];
-    lines.push(format!("{:<12} {:<8} {:<6} figures", "property", "claimed", "holds"));
+    lines.push(format!("{:<12} {:<8} {:<12} figures", "property", "claimed", "holds"));
     let p = &r.positivity;
     let bad = if p.bad > 0 { format!(", {} negative or not finite", p.bad) } else { String::new() };
-    lines.push(line("positivity", true, r.is_positive(), format!("{} values, smallest {}{bad}", p.values, p.smallest)));
+    lines.push(line(
+        "positivity",
+        true,
+        Some(r.is_positive()),
+        format!("{} values, smallest {}{bad}", p.values, p.smallest),
+    ));
     let q = &r.reciprocity;
     let words = if r.is_reciprocal() {
         format!("{} pairs, largest asymmetry {:.1e} (up to {LARGEST_ASYMMETRY:e} is rounding)", q.pairs, q.asymmetry)
@@ -147,7 +165,7 @@ fn as_table(material: &str, r: &Report) -> Vec<String> {
             q.from.theta, q.to.theta, q.forth, q.back, q.asymmetry
         )
     };
-    lines.push(line("reciprocity", r.claims.reciprocity, r.is_reciprocal(), words));
+    lines.push(line("reciprocity", r.claims.reciprocity, Some(r.is_reciprocal()), words));
     let e = &r.energy;
     let words = match &e.first_excess {
         None => format!(
@@ -165,9 +183,9 @@ fn as_table(material: &str, r: &Report) -> Vec<String> {
             first.mean
         ),
     };
-    lines.push(line("energy", r.claims.energy, r.conserves_energy(), words));
+    lines.push(line("energy", r.claims.energy, Some(r.conserves_energy()), words));
     let s = &r.sampling;
-    let words = match s.tests.iter().min_by(|a, b| a.p.total_cmp(&b.p)) {
+    let words = match s.tests.iter().filter(|t| t.decided || s.failures == 0).min_by(|a, b| a.p.total_cmp(&b.p)) {
         None => "specular: every direction is the one there is".into(),
         Some(worst) if s.failures > 0 => format!(
             "{} of {} χ² tests fail; from {:.0}° χ² = {:.0} over {:.0} degrees, p = {:.1e}",
@@ -180,6 +198,9 @@ fn as_table(material: &str, r: &Report) -> Vec<String> {
         ),
         Some(_) if s.disagreement > LARGEST_DISAGREEMENT => {
             format!("weights differ from f·cos/pdf by up to {:.1e}", s.disagreement)
+        }
+        Some(_) if s.undecided > 0 => {
+            format!("{} of {} χ² tests: the lobe is narrower than f32 directions resolve", s.undecided, s.tests.len())
         }
         Some(worst) => format!("{} χ² tests, smallest p = {:.2} (level {:.1e})", s.tests.len(), worst.p, s.level),
     };

@@ -96,9 +96,9 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
         write_text(plot, &capture_plot::svg(&a.material, &rows))?;
     }
     if a.json {
-        answer(&as_json(a, &material, &rows, file.len()).to_string());
+        answer(&as_json(a, &material, &rows, file.len()).to_string())?;
     } else {
-        as_table(a, &rows, file.len()).iter().for_each(|line| answer(line));
+        as_table(a, &rows, file.len()).iter().try_for_each(|line| answer(line))?;
     }
     Ok(())
 }

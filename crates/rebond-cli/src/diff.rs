@@ -91,21 +91,22 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
                 "below_level_p": w.below_alpha_p, "level": w.alpha, "passes": w.passes() })
         };
         object.insert("welch".into(), json!(tests.as_ref().map(|t| t.iter().map(test).collect::<Vec<_>>())));
-        answer(&serde_json::Value::Object(object).to_string());
+        answer(&serde_json::Value::Object(object).to_string())?;
     } else {
         let names = ["MSE", "RMSE", "relMSE", "relMSE without the worst 0.1 %", "FLIP"];
-        names.iter().zip(&errors).for_each(|(name, (_, value))| answer(&format!("{name:<32} {value:.6e}")));
-        answer(&format!("{:<32} {:+.6e} {:+.6e} {:+.6e}", "mean signed error (R, G, B)", bias[0], bias[1], bias[2]));
+        let mut rows = names.iter().zip(&errors);
+        rows.try_for_each(|(name, (_, value))| answer(&format!("{name:<32} {value:.6e}")))?;
+        answer(&format!("{:<32} {:+.6e} {:+.6e} {:+.6e}", "mean signed error (R, G, B)", bias[0], bias[1], bias[2]))?;
         match &tests {
-            None => answer("Welch t-test                     not possible: needs two EXR files with variance"),
-            Some(tests) => tests.iter().for_each(|(c, w)| {
+            None => answer("Welch t-test                     not possible: needs two EXR files with variance")?,
+            Some(tests) => tests.iter().try_for_each(|(c, w)| {
                 let verdict = if w.passes() { "agree" } else { "differ" };
                 let counts = format!(
                     "{} of {} blocks below {LEVEL} (p = {:.2e}), {} significant",
                     w.below_alpha, w.tested, w.below_alpha_p, w.significant
                 );
-                answer(&format!("{:<32} {verdict}: {counts}", format!("Welch t-test, {c}")));
-            }),
+                answer(&format!("{:<32} {verdict}: {counts}", format!("Welch t-test, {c}")))
+            })?,
         }
     }
     match &a.flip_map {

@@ -28,11 +28,10 @@ pub fn scenes(a: &JsonFlag) -> Result<(), Failure> {
     let sources = BUILT_IN_SCENES.iter().map(|b| SceneSource::open(b.name)).collect::<Result<Vec<_>, _>>()?;
     if a.json {
         let all: Vec<Value> = sources.iter().map(|s| json!({ "name": s.name, "title": s.description.title })).collect();
-        answer(&Value::from(all).to_string());
-    } else {
-        sources.iter().for_each(|s| answer(&format!("{:<16} {}", s.name, s.description.title)));
+        return answer(&Value::from(all).to_string());
     }
-    Ok(())
+    let width = sources.iter().map(|s| s.name.len()).max().unwrap_or(0);
+    sources.iter().try_for_each(|s| answer(&format!("{:<width$} {}", s.name, s.description.title)))
 }
 
 pub fn integrators(a: &JsonFlag) -> Result<(), Failure> {
@@ -40,12 +39,11 @@ pub fn integrators(a: &JsonFlag) -> Result<(), Failure> {
         let settings =
             |s: &[(&str, &str)]| s.iter().map(|(k, v)| (k.to_string(), json!(v))).collect::<serde_json::Map<_, _>>();
         let one = |i: &rebond::integrators::IntegratorInfo| json!({ "name": i.name, "summary": i.summary, "settings": settings(i.settings) });
-        answer(&Value::from(INTEGRATORS.iter().map(one).collect::<Vec<_>>()).to_string());
-        return Ok(());
+        return answer(&Value::from(INTEGRATORS.iter().map(one).collect::<Vec<_>>()).to_string());
     }
     for i in INTEGRATORS {
-        answer(&format!("{:<12} {}", i.name, i.summary));
-        i.settings.iter().for_each(|(name, what)| answer(&format!("  {name:<10} {what}")));
+        answer(&format!("{:<12} {}", i.name, i.summary))?;
+        i.settings.iter().try_for_each(|(name, what)| answer(&format!("  {name:<10} {what}")))?;
     }
     Ok(())
 }
@@ -58,7 +56,7 @@ pub fn info(a: &InfoArguments) -> Result<(), Failure> {
     let (s, (lo, hi)) = (scene.statistics(), scene.bounds());
     let film = &source.description.film;
     if a.json {
-        answer(
+        return answer(
             &json!({
                 "scene": source.name,
                 "title": source.description.title,
@@ -79,7 +77,6 @@ pub fn info(a: &InfoArguments) -> Result<(), Failure> {
             })
             .to_string(),
         );
-        return Ok(());
     }
     let memory = bytes(s.accelerator_bytes + s.table_bytes);
     let rows = [
@@ -95,7 +92,7 @@ pub fn info(a: &InfoArguments) -> Result<(), Failure> {
         ("peak memory", peak_memory_bytes().map_or("unknown".into(), bytes)),
         ("build time", format!("{:.3} s ({seconds:.3} s with loading)", s.accelerator_seconds)),
     ];
-    rows.iter().for_each(|(name, value)| answer(&format!("{name:<16} {value}")));
+    rows.iter().try_for_each(|(name, value)| answer(&format!("{name:<16} {value}")))?;
     s.warnings.iter().for_each(|w| note(&format!("warning: {w}")));
     Ok(())
 }

@@ -68,14 +68,17 @@ impl Failure {
 }
 
 fn main() -> ExitCode {
-    let outcome = match Arguments::parse().command {
-        Command::Render(a) => render::run(&a),
-        Command::Diff(a) => diff::run(&a),
-        Command::Bsdf(a) => bsdf::run(&a),
-        Command::Capture(a) => capture::run(&a),
-        Command::Scenes(a) => list::scenes(&a),
-        Command::Info(a) => list::info(&a),
-        Command::Integrators(a) => list::integrators(&a),
+    let outcome = match Arguments::try_parse().map(|a| a.command) {
+        Ok(Command::Render(a)) => render::run(&a),
+        Ok(Command::Diff(a)) => diff::run(&a),
+        Ok(Command::Bsdf(a)) => bsdf::run(&a),
+        Ok(Command::Capture(a)) => capture::run(&a),
+        Ok(Command::Scenes(a)) => list::scenes(&a),
+        Ok(Command::Info(a)) => list::info(&a),
+        Ok(Command::Integrators(a)) => list::integrators(&a),
+        Err(e) if e.use_stderr() => e.exit(),
+        // What was asked for is the help, or the version.
+        Err(e) => output::written(e.print()),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

@@ -3,12 +3,20 @@
 use crate::Failure;
 use rebond::film::Image;
 use rebond_io::{ImageFormat, PngOptions, write_image};
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 /// The answer, on standard output. A reader that went away is no error.
-pub fn answer(text: &str) {
-    let _ = writeln!(std::io::stdout().lock(), "{text}");
+pub fn answer(text: &str) -> Result<(), Failure> {
+    written(writeln!(std::io::stdout().lock(), "{text}"))
+}
+
+/// What became of an answer.
+pub fn written(outcome: std::io::Result<()>) -> Result<(), Failure> {
+    match outcome {
+        Err(e) if e.kind() != ErrorKind::BrokenPipe => Err(Failure::Run(format!("cannot write the answer: {e}"))),
+        _ => Ok(()),
+    }
 }
 
 /// Anything else, on standard error.

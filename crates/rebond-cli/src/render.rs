@@ -226,9 +226,9 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
                 "outputs": names,
             })
             .to_string(),
-        );
+        )?;
     } else {
-        names.iter().for_each(|n| answer(n));
+        names.iter().try_for_each(|n| answer(n))?;
     }
     if statistics.interrupted { Err(Failure::Interrupted) } else { Ok(()) }
 }

@@ -487,6 +487,13 @@ const COMMANDS: &[(&[&str], &str, Option<&str>)] = &[
     (&["bsdf", "phong"], r#"the key "exponent" is missing"#, Some("column 1 of `phong`")),
     (&["bsdf", "phong:exponent=-3"], "-3 is no exponent", Some("column 7 of `phong:exponent=-3`")),
     (&["bsdf", "diffuse:reflectance=[1,2,0]"], "within [0, 1]", Some("column 9 of `diffuse:reflectance=[1,2,0]`")),
+    (&["bsdf", "mix:a=x,b=y,weight=0.5"], "give SCENE#MATERIAL", Some("column 5 of `mix:a=x,b=y,weight=0.5`")),
+    (&["bsdf", "diffuse:reflectance=x.png"], "give SCENE#MATERIAL", Some("column 21 of `diffuse:reflectance=x.png`")),
+    (
+        &["bsdf", "normal-map:normal_map=x.png,material=y"],
+        "give SCENE#MATERIAL",
+        Some("column 23 of `normal-map:normal_map=x.png,material=y`"),
+    ),
     (&["bsdf", "glossy-spheres#silver"], "there are: blinn300, blinn60,", None),
     (&["bsdf", "glossy-sphere#gold"], r#"did you mean "glossy-spheres"?"#, None),
     (&["bsdf", "diffuse", "-o", "x.png"], "neither a folder nor an SVG file", None),

@@ -245,6 +245,20 @@ fn a_reader_that_goes_away_is_no_failure() {
     assert_eq!(names_in(folder.path()), ["cornell-box.exr", "cornell-box.png"]);
 }
 
+#[cfg(target_os = "linux")]
+#[test]
+fn an_answer_that_cannot_be_written_is_a_failure() {
+    let folder = temporary();
+    for arguments in [&SMALL[..], &["scenes"], &["info", "furnace", "--json"], &["bsdf", "diffuse"], &["--help"]] {
+        let full = std::fs::OpenOptions::new().write(true).open("/dev/full").expect("a full disk");
+        let output = rebond(&folder, arguments).stdout(full).stderr(Stdio::piped()).output().expect("an end");
+        let report = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{arguments:?}: {report}");
+        assert!(report.starts_with("error: cannot write the answer: "), "{arguments:?}: {report}");
+    }
+    assert_eq!(names_in(folder.path()), ["cornell-box.exr", "cornell-box.png"]);
+}
+
 #[test]
 fn a_picture_that_cannot_be_written_is_saved_elsewhere() {
     let (folder, elsewhere) = (temporary(), temporary());
@@ -266,8 +280,21 @@ fn a_picture_that_cannot_be_written_is_saved_elsewhere() {
 #[test]
 fn scenes_are_listed() {
     let folder = temporary();
-    let names =
-        ["cornell-box", "cornell-spheres", "dragon", "furnace", "glossy-spheres", "point-lights", "sky", "veach-mis"];
+    let names = [
+        "cornell-box",
+        "cornell-spheres",
+        "dragon",
+        "furnace",
+        "glossy-spheres",
+        "material-gallery",
+        "phong-300",
+        "phong-300-blurred-light",
+        "phong-60",
+        "phong-60-blurred-light",
+        "point-lights",
+        "sky",
+        "veach-mis",
+    ];
     let list = answer(&folder, &["scenes"]);
     let first_words: Vec<&str> = list.lines().filter_map(|l| l.split_whitespace().next()).collect();
     assert_eq!(first_words, names);

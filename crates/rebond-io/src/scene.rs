@@ -34,6 +34,11 @@ pub const BUILT_IN_SCENES: &[BuiltIn] = built_in![
     "dragon",
     "furnace",
     "glossy-spheres",
+    "material-gallery",
+    "phong-300",
+    "phong-300-blurred-light",
+    "phong-60",
+    "phong-60-blurred-light",
     "point-lights",
     "sky",
     "veach-mis",
@@ -41,9 +46,15 @@ pub const BUILT_IN_SCENES: &[BuiltIn] = built_in![
 
 /// The files that those scenes name.
 const BUILT_IN_FILES: &[(&str, &[u8])] = &[
-    ("dragon.ply", include_bytes!("../../../scenes/dragon.ply")),
-    ("sky.hdr", include_bytes!("../../../scenes/sky.hdr")),
+    ("backdrop.ply", include_bytes!("../../../scenes/backdrop.ply")),
+    ("ball.ply", include_bytes!("../../../scenes/ball.ply")),
     ("checker.png", include_bytes!("../../../scenes/checker.png")),
+    ("dragon.ply", include_bytes!("../../../scenes/dragon.ply")),
+    ("hammered.png", include_bytes!("../../../scenes/hammered.png")),
+    ("holes.png", include_bytes!("../../../scenes/holes.png")),
+    ("sky.hdr", include_bytes!("../../../scenes/sky.hdr")),
+    ("weave.png", include_bytes!("../../../scenes/weave.png")),
+    ("window.hdr", include_bytes!("../../../scenes/window.hdr")),
 ];
 
 /// Where the files of a scene are.

@@ -1,9 +1,12 @@
 //! Holes and relief: renders whose answer is known.
 
+use rebond::bsdf::TransportMode;
+use rebond::bsdf::check::Angles;
 use rebond::film::{Film, Image};
 use rebond::integrators::IntegratorSettings;
 use rebond::render::{Budget, Engine, Region, render};
 use rebond::sampling::{Sampler, SamplerSettings};
+use rebond::scene::description::MaterialRef;
 use rebond::scene::{MeshSource, Resources, Scene, SceneDescription, build};
 use rebond::shape::MeshData;
 use rebond::texture::Encoding;
@@ -174,6 +177,37 @@ fn relief_has_its_slope() {
         // Rising along +x, it leans towards −x.
         let light = 0.8 * upright - 0.6 * slope * upright;
         is(&plane(&bump(scale), [-0.6, 0.0, -0.8], within), light * 0.5 / PI);
+    }
+}
+
+/// In a white furnace rough metal and rough glass show what one bounce off their facets gives back, ∫ f |cosθ|.
+#[test]
+fn rough_surfaces_lose_what_their_facets_exchange() {
+    // k → ∞ reflects all: (η − 1)² + k² over (η + 1)² + k² at η = 0 is 1.
+    let white_metal = |alpha: f64| format!("{{ type = 'conductor', eta = 0, k = 9, alpha = {alpha} }}");
+    let glass = |alpha: f64, ior: f64| format!("{{ type = 'dielectric', int_ior = {ior}, alpha = {alpha} }}");
+    let materials = [white_metal(0.3), white_metal(1.0), glass(0.3, 1.5), glass(0.8, 1.5), glass(0.5, 0.7)];
+    for material in materials {
+        for angle in [0.0_f64, 50.0, 75.0] {
+            let text = format!(
+                "{CAMERA}[[emitters]]\ntype = 'constant'\nradiance = 1\n[materials]\nm = {material}\n[[shapes]]\n\
+                 type = 'rectangle'\nmaterial = 'm'\n\
+                 to_world = [{{ scale = 20 }}, {{ rotate = {{ axis = [1, 0, 0], angle = {angle} }} }}]\n"
+            );
+            let (description, _): (SceneDescription, _) = from_toml(&text, "test.toml").expect("a scene");
+            let alone = rebond::scene::material(&description, &MaterialRef::Named("m".into()), &Images).expect("one");
+            let known = Angles { theta: angle, phi: 90.0 }.direction();
+            let (rows, columns) = (900, 600);
+            let mut sum = 0.0;
+            for i in 0..rows * columns {
+                let theta = (f64::from(i / columns) + 0.5) * 180.0 / f64::from(rows);
+                let other = Angles { theta, phi: (f64::from(i % columns) + 0.5) * 360.0 / f64::from(columns) };
+                let (f, _) = alone.eval(known, other.direction(), TransportMode::Radiance);
+                sum += f64::from(f[1]) * theta.to_radians().cos().abs() * theta.to_radians().sin();
+            }
+            let given_back = sum * 2.0 * PI * PI / f64::from(rows * columns);
+            may_be(&text, given_back);
+        }
     }
 }
 

@@ -8,7 +8,7 @@
 //! ```
 //!
 //! Energy is judged by a one-sided test of the mean of importance-sampled weights, samplers by Pearson's χ² over cells of
-//! θ × φ. Each is one test among many, so its level is that of all together after Šidák (1967).
+//! θ × φ that follow the lobe. Each is one test among many, so its level is that of all together after Šidák (1967).
 
 use super::measured::Tables;
 use super::{Bsdf, BsdfSample, TransportMode};
@@ -137,6 +137,8 @@ pub struct ChiSquare {
     /// Chance of a statistic as large; 0 if a sample fell where the density is 0, or the density integrates to more
     /// than 1.
     pub p: f64,
+    /// Whether the density could be integrated well enough to judge by: lobes narrower than f32 directions resolve cannot.
+    pub decided: bool,
     /// Integral of the density over all directions.
     pub mass: f64,
 }
@@ -150,6 +152,8 @@ pub struct Sampling {
     pub level: f64,
     /// How many failed.
     pub failures: usize,
+    /// How many could not be decided.
+    pub undecided: usize,
     /// Largest relative difference of a sample's weight from f·cos/pdf as evaluated, and of its density from the one
     /// evaluated.
     pub disagreement: f64,
@@ -209,14 +213,19 @@ impl Report {
     pub fn conserves_energy(&self) -> bool {
         self.energy.excesses == 0
     }
-    /// Whether samples follow their density, and weights are f·cos/pdf.
-    pub fn is_sampled_right(&self) -> bool {
-        self.sampling.failures == 0 && self.sampling.disagreement <= LARGEST_DISAGREEMENT
+    /// Whether samples follow their density, and weights are f·cos/pdf; none if nothing speaks against it but not all could
+    /// be decided.
+    pub fn is_sampled_right(&self) -> Option<bool> {
+        let sampling = &self.sampling;
+        if sampling.failures > 0 || sampling.disagreement > LARGEST_DISAGREEMENT {
+            return Some(false);
+        }
+        (sampling.undecided == 0).then_some(true)
     }
-    /// Whether all that the material claims holds. Every material claims to be positive and sampled right.
+    /// Whether all that the material claims was shown to hold. Every material claims to be positive and sampled right.
     pub fn holds(&self) -> bool {
         self.is_positive()
-            && self.is_sampled_right()
+            && self.is_sampled_right() == Some(true)
             && (self.is_reciprocal() || !self.claims.reciprocity)
             && (self.conserves_energy() || !self.claims.energy)
     }
@@ -413,16 +422,22 @@ impl Material {
             }
         }
         let level = sidak(tests.len());
-        let failures = tests.iter().filter(|t| t.p < level).count();
-        Sampling { tests, level, failures, disagreement }
+        let undecided = tests.iter().filter(|t| !t.decided).count();
+        let failures = tests.iter().filter(|t| t.decided && t.p < level).count();
+        Sampling { tests, level, failures, undecided, disagreement }
     }
 
     /// A χ² test of directions drawn given one, and the largest disagreement of their weights with f·cos/pdf; no test where
     /// nothing can be drawn.
     fn chi2(&self, at: Angles, samples: u32, seed: u64) -> (Option<ChiSquare>, f64) {
         let (a, mode) = (at.direction(), TransportMode::Radiance);
-        let mut cells = Cells::new();
         let mut disagreement = 0.0_f64;
+        // Drawn from numbers of their own, for the cells not to hang on what is tested.
+        let before = numbers(!seed, samples / 16).filter_map(|u| {
+            let s = self.sample(a, u.value(4), u.pair(1), u.value(3), mode);
+            (!s.specular && s.weight.is_lit()).then_some(s.w)
+        });
+        let mut cells = Cells::new(before);
         for (i, u) in numbers(seed, samples).enumerate() {
             let s = self.sample(a, u.value(4), u.pair(1), u.value(3), mode);
             // What has no density of its own counts as having failed.
@@ -489,25 +504,110 @@ pub fn sampling_directions(below: bool) -> Vec<Angles> {
     all
 }
 
-const ROWS: usize = 40; // of θ: even spacing resolves narrow lobes better than even cosines
-const COLUMNS: usize = 24;
+/// Directions drawn beforehand that a cell holds at most, of one in sixteen of those to be tested.
+const CELL: usize = 12;
+/// Those that a leaf holds at most with a margin around it, half its size to each side.
+const LEAF: usize = 24;
+/// The smallest side of a leaf, radians: some sixteen steps of f32.
+const FINEST: f64 = 1e-6;
 
-/// Counts of directions in cells of θ × φ.
+/// A part of the sphere by θ and φ, radians.
+#[derive(Clone, Copy)]
+struct Rectangle {
+    theta: [f64; 2],
+    phi: [f64; 2],
+}
+
+impl Rectangle {
+    /// Its longer side on the sphere, and whether that is along φ.
+    fn longer_side(&self) -> (f64, bool) {
+        let height = self.theta[1] - self.theta[0];
+        let width = (self.phi[1] - self.phi[0]) * ((self.theta[0] + self.theta[1]) / 2.0).sin();
+        (height.max(width), width > height)
+    }
+
+    /// Whether it holds a point, or comes within half its size of it.
+    fn is_near(&self, [theta, phi]: [f64; 2], margin: f64) -> bool {
+        let within = |[lo, hi]: [f64; 2], x: f64| {
+            let margin = margin * (hi - lo);
+            x >= lo - margin && x < hi + margin
+        };
+        within(self.theta, theta) && within(self.phi, phi)
+    }
+}
+
+enum Node {
+    /// Cut in two at a θ or a φ.
+    Cut { along_phi: bool, at: f64, halves: [usize; 2] },
+    /// Part of a cell.
+    Leaf(usize),
+}
+
+/// Counts of directions in cells that are small where directions are dense. A tree halves θ × φ until few directions drawn
+/// beforehand fall in a leaf or near it. So leaves grow gradually with the distance from a lobe, however narrow it is,
+/// and a density that samples follow varies little within one. A cell is one or more leaves.
 struct Cells {
+    nodes: Vec<Node>,
+    leaves: Vec<(Rectangle, usize)>,
     counts: Vec<u32>,
     failed: u32,
+    /// Whether directions are denser than f32 tells apart.
+    blurred: bool,
 }
 
 impl Cells {
-    fn new() -> Self {
-        Self { counts: vec![0; ROWS * COLUMNS], failed: 0 }
+    fn new(before: impl Iterator<Item = Vec3<f32>>) -> Self {
+        let mut cells = Self { nodes: Vec::new(), leaves: Vec::new(), counts: Vec::new(), failed: 0, blurred: false };
+        // φ is cut open at 0, and has two sides there.
+        let points =
+            before.flat_map(|w| [-TAU, 0.0, TAU].map(|turn| [theta_phi(w)[0], theta_phi(w)[1] + turn])).collect();
+        cells.grow(Rectangle { theta: [0.0, PI], phi: [0.0, TAU] }, points, None);
+        cells
+    }
+
+    fn grow(&mut self, r: Rectangle, mut near: Vec<[f64; 2]>, cell: Option<usize>) -> usize {
+        near.retain(|p| r.is_near(*p, 0.5));
+        let inside = near.iter().filter(|p| r.is_near(**p, 0.0)).count();
+        let (side, along_phi) = r.longer_side();
+        let fine = side < FINEST;
+        let cell = if cell.is_none() && (inside <= CELL || fine) {
+            self.counts.push(0);
+            Some(self.counts.len() - 1)
+        } else {
+            cell
+        };
+        let number = self.nodes.len();
+        if let Some(cell) = cell
+            && (near.len() <= LEAF || fine)
+        {
+            self.blurred |= inside > CELL;
+            self.nodes.push(Node::Leaf(cell));
+            self.leaves.push((r, cell));
+            return number;
+        }
+        let [lo, hi] = if along_phi { r.phi } else { r.theta };
+        let at = (lo + hi) / 2.0;
+        self.nodes.push(Node::Leaf(0));
+        let halves = [[lo, at], [at, hi]].map(|range| {
+            let half = if along_phi { Rectangle { phi: range, ..r } } else { Rectangle { theta: range, ..r } };
+            self.grow(half, near.clone(), cell)
+        });
+        self.nodes[number] = Node::Cut { along_phi, at, halves };
+        number
     }
 
     fn add(&mut self, w: Vec3<f32>) {
-        let Angles { theta, phi } = Angles::of(w);
-        let row = ((theta / 180.0 * ROWS as f64) as usize).min(ROWS - 1);
-        let column = ((phi / 360.0 * COLUMNS as f64) as usize).min(COLUMNS - 1);
-        self.counts[row * COLUMNS + column] += 1;
+        let [theta, phi] = theta_phi(w);
+        let mut node = 0;
+        let cell = loop {
+            match &self.nodes[node] {
+                Node::Leaf(cell) => break *cell,
+                Node::Cut { along_phi, at, halves } => {
+                    node = halves[usize::from(if *along_phi { phi } else { theta } >= *at)];
+                }
+            }
+        };
+        self.counts[cell] += 1;
     }
 
     /// Compares with a density; cells expected to hold fewer than five are pooled.
@@ -516,27 +616,35 @@ impl Cells {
             let w = [theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos()].map(|x| x as f32);
             density(Vec3::splat(w)) * theta.sin()
         };
-        let (height, width) = (PI / ROWS as f64, TAU / COLUMNS as f64);
-        let cell = |i: usize| {
-            let (theta, phi) = ((i / COLUMNS) as f64 * height, (i % COLUMNS) as f64 * width);
-            let (x, y) = ([theta, theta + height], [phi, phi + width]);
-            // Where samples fell there is something to find.
-            let count = f64::from(self.counts[i]);
-            let mass = adaptive(&integrand, x, y, if count > 0.0 { 3 } else { 2 }, 9);
-            // Where they are not what the integral says, a narrow peak may have been missed: look closer before judging.
-            let expected = f64::from(samples) * mass;
-            if (count - expected).powi(2) < 9.0 * expected.max(1.0) { mass } else { adaptive(&integrand, x, y, 6, 13) }
-        };
-        let mass: Vec<f64> = (0..ROWS * COLUMNS).map(cell).collect();
-        let total: f64 = mass.iter().sum();
         let n = f64::from(samples);
+        let mut mass = vec![(0.0, 0.0); self.counts.len()];
+        for (r, cell) in &self.leaves {
+            let (value, error) = adaptive(&integrand, r.theta, r.phi, 1, 8);
+            mass[*cell] = (mass[*cell].0 + value, mass[*cell].1 + error);
+        }
+        // Where samples are not what the integral says, look closer before judging, and twice where it says there is nothing:
+        // the support may be thin.
+        for (least, most, tolerance) in [(4, 12, 9.0), (7, 14, f64::INFINITY)] {
+            let strange: Vec<bool> = (self.counts.iter().zip(&mass))
+                .map(|(count, (mass, _))| (f64::from(*count), mass * n))
+                .map(|(count, expected)| {
+                    (count - expected).powi(2) > tolerance * expected.max(1.0) || expected < 1e-6 && count > 2.0
+                })
+                .collect();
+            strange.iter().zip(&mut mass).filter(|(strange, _)| **strange).for_each(|(_, mass)| *mass = (0.0, 0.0));
+            for (r, cell) in self.leaves.iter().filter(|(_, cell)| strange[*cell]) {
+                let (value, error) = adaptive(&integrand, r.theta, r.phi, least, most);
+                mass[*cell] = (mass[*cell].0 + value, mass[*cell].1 + error);
+            }
+        }
+        let total: f64 = mass.iter().map(|(m, _)| m).sum();
         // A shortfall as small as the error of the quadrature is not failing samples.
         let (scale, failing) =
             if self.failed == 0 && (total - 1.0).abs() < 2e-3 { (1.0 / total, 0.0) } else { (1.0, 1.0 - total) };
         let (mut chi2, mut used, mut impossible) = (0.0, 0, total > 1.002);
         let (mut pool, mut pool_expected) = (0.0, 0.0);
         let counts = self.counts.iter().copied().chain([self.failed]);
-        for (count, expected) in counts.zip(mass.iter().map(|m| m * scale).chain([failing.max(0.0)])) {
+        for (count, expected) in counts.zip(mass.iter().map(|(m, _)| m * scale).chain([failing.max(0.0)])) {
             let (count, expected) = (f64::from(count), expected * n);
             // Rounding may carry a sample or two across the edge of the support.
             impossible |= expected < 1e-6 && count > 2.0;
@@ -560,31 +668,46 @@ impl Cells {
             Ok(distribution) => distribution.sf(chi2),
             Err(_) => f64::from(u8::from(chi2 < 10.0)),
         };
-        ChiSquare { at, chi2, degrees, p, mass: total }
+        // What the error of the quadrature alone would add to χ², against half of χ²'s own standard deviation.
+        let doubt: f64 = mass.iter().map(|(m, error)| (error * n).powi(2) / (m * n).max(1.0)).sum();
+        let decided = !self.blurred && doubt <= 0.5 * (2.0 * degrees.max(1.0)).sqrt();
+        ChiSquare { at, chi2, degrees, p, decided, mass: total }
     }
 }
 
+/// The angles of a unit vector, radians.
+fn theta_phi(w: Vec3<f32>) -> [f64; 2] {
+    let Angles { theta, phi } = Angles::of(w);
+    [theta.to_radians(), phi.to_radians()]
+}
+
 /// An integral over a rectangle by Gauss's rule of 2 × 2 points, quartered between `least` and `most` times until
-/// quartering changes nothing that samples could show.
-fn adaptive(f: &impl Fn(f64, f64) -> f64, x: [f64; 2], y: [f64; 2], least: u32, most: u32) -> f64 {
+/// quartering changes nothing that samples could show; and by how much the last quartering changed it where there were to
+/// be no more.
+fn adaptive(f: &impl Fn(f64, f64) -> f64, x: [f64; 2], y: [f64; 2], least: u32, most: u32) -> (f64, f64) {
     fn rule(f: &impl Fn(f64, f64) -> f64, x: [f64; 2], y: [f64; 2]) -> f64 {
         let at = |r: [f64; 2], s: f64| r[0] + (r[1] - r[0]) * (0.5 + s * 0.288_675_134_594_812_9);
         let sum: f64 =
             [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)].map(|(s, t)| f(at(x, s), at(y, t))).iter().sum();
         sum * (x[1] - x[0]) * (y[1] - y[0]) / 4.0
     }
-    fn refine(f: &impl Fn(f64, f64) -> f64, x: [f64; 2], y: [f64; 2], whole: f64, least: u32, most: u32) -> f64 {
+    fn refine(f: &impl Fn(f64, f64) -> f64, x: [f64; 2], y: [f64; 2], whole: f64, least: u32, most: u32) -> (f64, f64) {
         let middle = |r: [f64; 2]| (r[0] + r[1]) / 2.0;
         let (mx, my) = (middle(x), middle(y));
         let quarters =
             [([x[0], mx], [y[0], my]), ([x[0], mx], [my, y[1]]), ([mx, x[1]], [y[0], my]), ([mx, x[1]], [my, y[1]])];
         let values = quarters.map(|(x, y)| rule(f, x, y));
         let sum: f64 = values.iter().sum();
-        if most == 0 || least == 0 && (sum - whole).abs() < 2e-7 {
-            return sum;
+        let change = (sum - whole).abs();
+        if least == 0 && change < 2e-7 {
+            return (sum, 0.0);
+        }
+        if most == 0 {
+            return (sum, change);
         }
         let parts = quarters.iter().zip(values);
-        parts.map(|((x, y), value)| refine(f, *x, *y, value, least.saturating_sub(1), most - 1)).sum()
+        let parts = parts.map(|((x, y), value)| refine(f, *x, *y, value, least.saturating_sub(1), most - 1));
+        parts.fold((0.0, 0.0), |(a, b), (value, error)| (a + value, b + error))
     }
     refine(f, x, y, rule(f, x, y), least, most)
 }
@@ -592,6 +715,7 @@ fn adaptive(f: &impl Fn(f64, f64) -> f64, x: [f64; 2], y: [f64; 2], least: u32, 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::Frame;
 
     #[test]
     fn the_level_of_many_tests() {
@@ -602,12 +726,8 @@ mod tests {
     #[test]
     fn a_sampler_that_strays_is_found() {
         // Directions of cosine law, against a density that is uniform, and against one that is cosine but shifted.
-        let mut cells = Cells::new();
-        for u in numbers(3, 100_000) {
-            cells.add(warp::cosine_hemisphere(u.pair(1)));
-        }
-        let at = Angles { theta: 0.0, phi: 0.0 };
-        let against = |density: fn(Vec3<f32>) -> f64| cells.compare(at, 100_000, density).p;
+        let cells = drawn(warp::cosine_hemisphere);
+        let against = |density: fn(Vec3<f32>) -> f64| judged(&cells, density).0;
         assert!(against(|w| f64::from(w.z.max(0.0)) / PI) > 1e-3);
         assert_eq!(against(|w| f64::from(u8::from(w.z > 0.0)) / TAU), 0.0);
         assert!(against(|w| f64::from(w.z.max(0.0) * (1.0 + 0.2 * w.x)) / PI) < 1e-6);
@@ -615,13 +735,54 @@ mod tests {
         assert!(against(|w| 0.5 * f64::from(w.z.max(0.0)) / PI) < 1e-6);
     }
 
+    fn drawn(sample: impl Fn([f32; 2]) -> Vec3<f32>) -> Cells {
+        let mut cells = Cells::new(numbers(4, 6250).map(|u| sample(u.pair(1))));
+        numbers(3, 100_000).for_each(|u| cells.add(sample(u.pair(1))));
+        cells
+    }
+
+    /// p, and whether that decides.
+    fn judged(cells: &Cells, density: impl Fn(Vec3<f32>) -> f64) -> (f64, bool) {
+        let found = cells.compare(Angles { theta: 0.0, phi: 0.0 }, 100_000, density);
+        (found.p, found.decided)
+    }
+
+    /// A disk of directions of this radius around some axis, by its chord for the digits.
+    fn disk(radius: f64, u: [f32; 2]) -> Vec3<f32> {
+        let frame = Frame::around(AXIS.direction());
+        let (r, phi) = (f64::from(u[0]).sqrt() * radius, f64::from(u[1]) * TAU);
+        let [x, y] = [(r * phi.cos()) as f32, (r * phi.sin()) as f32];
+        frame.to_world(vec3(x, y, 1.0)).normalized()
+    }
+
+    const AXIS: Angles = Angles { theta: 50.0, phi: 130.0 };
+
     #[test]
-    fn narrow_peaks_are_integrated() {
-        let peak =
-            |w: f64| move |x: f64, y: f64| (-((x - 0.3) / w).powi(2) - ((y - 0.4) / w).powi(2)).exp() / (PI * w * w);
-        for width in [0.1, 0.01, 0.003] {
-            let integral = adaptive(&peak(width), [-1.0, 1.0], [-1.0, 1.0], 6, 12);
-            assert!((integral - 1.0).abs() < 1e-3, "width {width}: {integral}");
+    fn narrow_lobes_are_judged() {
+        let around = AXIS.direction();
+        for radius in [0.1, 1e-2, 1e-3, 1e-4] {
+            let cells = drawn(|u| disk(radius, u));
+            // A disk has a sharp edge, a cone beside it has a tail: neither may be mistaken for the other.
+            let chord = |w: Vec3<f32>| f64::from((w - around).length());
+            let cone = |w: Vec3<f32>| (1.0 - chord(w) / radius).max(0.0) * 3.0 / (PI * radius * radius);
+            let cone_drawn = drawn(|u| {
+                // The distance from the axis has density 6 x (1 − x).
+                let x = (0..30).fold([0.0, 1.0], |[lo, hi]: [f64; 2], _| {
+                    let x = (lo + hi) / 2.0;
+                    if x * x * (3.0 - 2.0 * x) < f64::from(u[0]) { [x, hi] } else { [lo, x] }
+                });
+                disk(radius * x[0], [1.0, u[1]])
+            });
+            let (p, decided) = judged(&cone_drawn, cone);
+            assert!(decided && p > 1e-3, "radius {radius}: p = {p}");
+            assert_eq!(judged(&cells, cone).0, 0.0, "radius {radius}");
+            // Shifted by a tenth of its size.
+            let shift = Frame::around(around).s * (0.1 * radius) as f32;
+            let shifted = |w: Vec3<f32>| cone(w - shift);
+            assert!(judged(&cone_drawn, shifted).0 < 1e-6, "radius {radius}");
         }
+        // Ten steps of f32 are no lobe.
+        let cells = drawn(|u| disk(6e-7, u));
+        assert!(!judged(&cells, |w| f64::from(u8::from((w - around).length() < 6e-7)) / (PI * 3.6e-13)).1);
     }
 }

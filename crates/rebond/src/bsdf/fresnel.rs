@@ -9,11 +9,16 @@ use rebond_lanes::Real;
 pub fn dielectric<F: Real>(cos: F, eta: F) -> (F, F) {
     let sin2_t = (F::one() - cos * cos).relu() / (eta * eta);
     let cos_t = (F::one() - sin2_t).safe_sqrt();
+    let total = sin2_t.ge(F::one());
+    (F::select(total, F::one(), of_cosines(cos, cos_t, eta)), F::select(total, F::zero(), cos_t))
+}
+
+/// Reflectance of a dielectric boundary, given both cosines: near total reflection neither has the other's digits.
+#[inline(always)]
+pub fn of_cosines<F: Real>(cos: F, cos_t: F, eta: F) -> F {
     let parallel = (eta * cos - cos_t) / (eta * cos + cos_t);
     let perpendicular = (cos - eta * cos_t) / (cos + eta * cos_t);
-    let reflectance = (parallel * parallel + perpendicular * perpendicular) * 0.5;
-    let total = sin2_t.ge(F::one());
-    (F::select(total, F::one(), reflectance), F::select(total, F::zero(), cos_t))
+    (parallel * parallel + perpendicular * perpendicular) * 0.5
 }
 
 /// The direction to which `w` refracts about the unit vector `h` (w·h = `cos` ≥ 0): on the other side of h.

@@ -14,9 +14,8 @@
 //! ```
 //!
 //! Each layer passes on what it does not reflect, on the way in and on the way out, so all is reciprocal and nothing reflects
-//! more than it receives, with one exception: the tables know isotropic facets, and within 2° of grazing a white
-//! anisotropic plastic reflects up to 1.07 of what it receives (roughness 0.7, anisotropic 0.8). Layers over the base
-//! lose a little, and rough metal what its facets exchange.
+//! more than it receives. Layers over the base lose a little, up to 0.03 where they are anisotropic
+//! ([`albedo`](super::albedo)), and rough metal what its facets exchange.
 
 use super::albedo::{Reflected, isotropic, reflection, schlick, sheen};
 use super::ggx::Ggx;
@@ -39,8 +38,6 @@ struct Layers<F: Real> {
     coat_alpha: F,
     sheen: F,
     ggx: Ggx<F>,
-    /// Roughness for the tables: the smaller one.
-    alpha: F,
 }
 
 /// Chances of drawing from each layer.
@@ -63,7 +60,6 @@ impl<F: Real> Layers<F> {
             coat_alpha: p[5],
             sheen: p[8] * (F::one() - p[0]),
             ggx: Ggx { ax: p[6], ay: p[7] },
-            alpha: p[6].min(p[7]),
         }
     }
 
@@ -87,7 +83,7 @@ impl<F: Real> Layers<F> {
         let coat = self.coat_albedo(mu);
         let sheen = self.sheen * sheen(mu);
         let base = (F::one() - coat) * (F::one() - sheen);
-        let reflected = Reflected::at(mu, self.alpha);
+        let reflected = Reflected::around(self.ggx, a);
         let dielectric = (F::one() - self.metallic) * (F::one() - self.transmission);
         let e = reflected.with(self.f0);
         let facets = base * (self.metallic * reflected.with(lobe.color.max()) + dielectric * e);
@@ -136,9 +132,9 @@ pub fn eval<F: Real>(lobe: Lobe<F>, a: Vec3<F>, b: Vec3<F>, mode: TransportMode)
     let sheen = layers.sheen * grazing * under_coat;
     let not_metal = F::one() - layers.metallic;
     let dielectric = not_metal * (F::one() - layers.transmission);
-    let lost = (F::one() - Reflected::average(layers.alpha).with(layers.f0)).max(F::splat(1e-6));
-    let e = |mu: F| Reflected::at(mu, layers.alpha).with(layers.f0);
-    let diffuse = (F::one() - e(mu_a)) * (F::one() - e(mu_b)) / lost * FRAC_1_PI * dielectric;
+    let lost = (F::one() - Reflected::average_around(layers.ggx).with(layers.f0)).max(F::splat(1e-6));
+    let e = |w: Vec3<F>| Reflected::around(layers.ggx, w).with(layers.f0);
+    let diffuse = (F::one() - e(a)) * (F::one() - e(b)) / lost * FRAC_1_PI * dielectric;
     let gloss = dielectric * (layers.f0 + (F::one() - layers.f0) * grazing) * facets;
     let channel = |c: F| {
         let metal = layers.metallic * (c + (F::one() - c) * grazing) * facets;

@@ -1,5 +1,5 @@
 //! GGX glass (Walter et al. 2007, eqs. 20 and 21). `p[0]` is the index of the inside over the outside, `p[6]` and `p[7]`
-//! are αx and αy; `color` tints.
+//! are αx and αy; `color` tints. What leaves a facet for another is lost, on either side.
 
 use super::ggx::Ggx;
 use super::{BsdfSample, BsdfValue, Lobe, TransportMode, fresnel, reflect_about};
@@ -50,15 +50,23 @@ pub fn eval<F: Real>(lobe: &Lobe<F>, a: Vec3<F>, b: Vec3<F>, mode: TransportMode
     let side = Boundary::new(lobe, a);
     let (a, b) = (side.a, side.mirrored(b));
     let reflects = b.z.gt(F::zero());
-    let sum = Vec3::select(reflects, a + b, a + b * side.eta);
-    let h = sum.normalized();
+    // The same sum from both sides, outer direction + η · inner direction, so that rounding is reciprocal as well.
+    let eta = lobe.p[0];
+    let through = Vec3::select(side.outside, a + b * eta, b + a * eta);
+    let sum = Vec3::select(reflects, a + b, through);
+    let length = sum.length();
+    let h = sum * length.recip();
     let h = Vec3::select(h.z.lt(F::zero()), -h, h);
     let (a_h, b_h) = (a.dot(h), b.dot(h));
-    let (reflectance, _) = fresnel::dielectric(a_h.relu(), side.eta);
+    let (above, _) = fresnel::dielectric(a_h.relu(), side.eta);
+    let below = fresnel::of_cosines(a_h, b_h.abs(), side.eta);
+    let reflectance = F::select(reflects, above, below);
     let (d, la) = (side.ggx.d(h), side.ggx.lambda(a));
     let lb = side.ggx.lambda(vec3(b.x, b.y, b.z.abs()));
     let facets = d * a_h / a.z; // × G1 is the density of visible normals, × G2 / |b_z| the value
-    let jacobian = F::select(reflects, (a_h * 4.0).recip(), side.jacobian(a_h, b_h));
+    // η² |b·h| / (a·h + η b·h)², of which the sum is ±1 times the length, over η seen from within.
+    let refracts = b_h.abs() * F::select(side.outside, eta * eta, F::one()) / (length * length);
+    let jacobian = F::select(reflects, (a_h * 4.0).recip(), refracts);
     let share = F::select(reflects, reflectance, F::one() - reflectance);
     let both = facets * jacobian * share;
     let value = both / (b.z.abs() * (la + lb + 1.0));

@@ -30,7 +30,7 @@ pub struct EnvironmentImage {
     scale: f32,
     grid: Grid,
     /// Local axes in world coordinates.
-    frame: [[f32; 3]; 3],
+    pub(super) frame: [[f32; 3]; 3],
     mean: [f32; 3],
 }
 
@@ -68,7 +68,7 @@ impl EnvironmentImage {
         Some(Self { size, corners, scale: (1.0 / integral) as f32, grid, frame, mean })
     }
 
-    fn frame<F: Real>(&self) -> Frame<F> {
+    pub(super) fn frame<F: Real>(&self) -> Frame<F> {
         let [s, t, n] = self.frame.map(Vec3::splat);
         Frame { s, t, n }
     }
@@ -112,7 +112,7 @@ impl EnvironmentImage {
 
     /// Radiance that arrives along −w, and the density with which [`EnvironmentImage::sample`] draws w.
     #[inline(always)]
-    fn eval<F: Real>(&self, w: Vec3<F>) -> (Rgb<F>, PdfSolidAngle<F>) {
+    pub(super) fn eval<F: Real>(&self, w: Vec3<F>) -> (Rgb<F>, PdfSolidAngle<F>) {
         let d = self.frame().to_local(w);
         let [u, v] = [math::atan2(d.x, -d.z) * (0.5 * FRAC_1_PI) + 0.5, math::acos(d.y) * FRAC_1_PI];
         let (width, height) = (self.size[0] as f32, self.size[1] as f32);

@@ -3,6 +3,7 @@
 //! All emitters stand in one flat table, five records each, and are addressed by number. Which of them a point asks is
 //! the business of a [`LightSampler`].
 
+mod blur;
 mod environment;
 mod light_sampler;
 

@@ -992,8 +992,8 @@ impl<'a> Builder<'a> {
                     self.environments.push(Environment::Constant(light(&at("radiance"), *radiance)?));
                     self.surroundings()
                 }
-                EmitterDescription::Envmap { file, scale, to_world } => {
-                    let environment = self.envmap(&path, file, *scale, to_world)?;
+                EmitterDescription::Envmap { file, scale, blur, to_world } => {
+                    let environment = self.envmap(&path, file, *scale, *blur, to_world)?;
                     self.environments.push(environment);
                     self.surroundings()
                 }
@@ -1014,6 +1014,7 @@ impl<'a> Builder<'a> {
         path: &str,
         file: &str,
         scale: f32,
+        blur: Option<f32>,
         to_world: &super::description::Transform,
     ) -> Result<Environment> {
         let at = |key: &str| format!("{path}.{key}");
@@ -1035,6 +1036,13 @@ impl<'a> Builder<'a> {
             ));
         }
         let image = EnvironmentImage::new(size, &texels, axes.map(|a| a.as_vec3().to_array()));
+        let image = match blur {
+            None => image,
+            Some(r) => {
+                let r = number(&at("blur"), r, 1.0..=2000.0, "exponent of a blur; it lies within [1, 2000]")?;
+                image.and_then(|image| image.blurred(r))
+            }
+        };
         let image = image.ok_or_else(|| BuildError::new(at("file"), format!("\"{file}\" is black")))?;
         Ok(Environment::Image(Box::new(image)))
     }

@@ -690,6 +690,9 @@ pub enum EmitterDescription {
         /// Factor.
         #[serde(default = "unit_radius")]
         scale: f32,
+        /// Exponent of a lobe (r+1)/2π cosʳ to blur it with; sharp if not given.
+        #[serde(default)]
+        blur: Option<f32>,
         /// How it is turned.
         #[serde(default)]
         to_world: Transform,
