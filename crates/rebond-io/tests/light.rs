@@ -43,6 +43,7 @@ impl Default for Job {
 fn film(source: &SceneSource, integrator: &str, job: &Job) -> Film {
     let scene = source.build().expect("a good scene");
     let integrator = settings(integrator).integrator(&scene, Sampler::new(job.sampler, job.seed), job.engine);
+    let integrator = integrator.expect("settings that go together");
     let [width, height] = [source.description.film.width, source.description.film.height];
     let mut film = Film::new(width, height);
     let budget = Budget { samples: Some(job.samples.len() as u32), ..Budget::default() };

@@ -243,7 +243,7 @@ pub struct EmitterSample<F: Real> {
 }
 
 impl<F: Real> EmitterSample<F> {
-    fn none() -> Self {
+    pub(crate) fn none() -> Self {
         Self {
             wi: Vec3::splat([0.0, 0.0, 1.0]),
             point: Vec3::zero(),
@@ -256,7 +256,7 @@ impl<F: Real> EmitterSample<F> {
     }
 
     #[inline(always)]
-    fn select(mask: F::Mask, a: Self, b: Self) -> Self {
+    pub(crate) fn select(mask: F::Mask, a: Self, b: Self) -> Self {
         Self {
             wi: Vec3::select(mask, a.wi, b.wi),
             point: Vec3::select(mask, a.point, b.point),
@@ -312,6 +312,13 @@ impl Emitters {
             return [F::splat(a), F::splat(b), F::splat(c), F::splat(d)];
         }
         F::record(&self.table, emitter * F::Index::splat(RECORDS) + F::Index::splat(number))
+    }
+
+    /// The area of an emitter; none if it is no surface.
+    pub fn area(&self, emitter: u32) -> Option<f32> {
+        let at = |n: u32| self.table[(emitter * RECORDS + n) as usize].0[3];
+        let kind = KINDS[at(0).to_bits() as usize];
+        matches!(kind, Kind::Triangle | Kind::Parallelogram | Kind::Sphere | Kind::Disk).then(|| at(1).recip())
     }
 
     /// Radiance that a surface emitter sends to the side of its normal.

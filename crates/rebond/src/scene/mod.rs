@@ -234,8 +234,7 @@ impl Scene {
     /// Density per solid angle with which [`Scene::sample_light`] at `p` would have found this surface.
     #[inline(always)]
     pub fn light_pdf<F: Real>(&self, p: Vec3<F>, n: Vec3<F>, surface: &Surface<F>, mask: F::Mask) -> F {
-        let hit = EmitterHit { emitter: surface.emitter, to: surface.p - p, normal: surface.ng };
-        self.emitters.pdf(&hit, mask).0 * self.light_sampler.probability(p, n, surface.emitter)
+        self.emitters.pdf(&surface.seen_from(p), mask).0 * self.light_sampler.probability(p, n, surface.emitter)
     }
 
     /// Light for a point `p` with normal `n`: from one emitter, chosen by `choice`, weighed for all; its `pdf` is that
@@ -400,6 +399,11 @@ pub fn is_hit<F: Real>(hit: &Hit<F>) -> F::Mask {
 }
 
 impl<F: Real> Surface<F> {
+    /// What its emitter must know of a point that sees it.
+    #[inline(always)]
+    pub fn seen_from(&self, p: Vec3<F>) -> EmitterHit<F> {
+        EmitterHit { emitter: self.emitter, to: self.p - p, normal: self.ng }
+    }
     /// Lanes whose surface shines.
     #[inline(always)]
     pub fn is_emitter(&self) -> F::Mask {
