@@ -11,7 +11,7 @@ pub use surface::Surface;
 
 use crate::bsdf::{Bsdf, Lobe, Model, PARAMETERS};
 use crate::camera::Camera;
-use crate::emitter::{EmitterHit, EmitterSample, Emitters, LightSampler};
+use crate::emitter::{EmitterHit, EmitterSample, Emitters, LightSampler, LightSampling};
 use crate::film::Filter;
 use crate::math::{Frame, Rgb, Vec3};
 use crate::texture::Textures;
@@ -233,9 +233,16 @@ impl Scene {
 
     /// Density per solid angle with which [`Scene::sample_light`] at `p` would have found this surface.
     #[inline(always)]
-    pub fn light_pdf<F: Real>(&self, p: Vec3<F>, n: Vec3<F>, surface: &Surface<F>, mask: F::Mask) -> F {
-        let hit = EmitterHit { emitter: surface.emitter, to: surface.p - p, normal: surface.ng };
-        self.emitters.pdf(&hit, mask).0 * self.light_sampler.probability(p, n, surface.emitter)
+    pub fn light_pdf<F: Real>(
+        &self,
+        p: Vec3<F>,
+        n: Vec3<F>,
+        surface: &Surface<F>,
+        sampling: LightSampling,
+        mask: F::Mask,
+    ) -> F {
+        let hit = EmitterHit { emitter: surface.emitter, from: p, to: surface.p - p, normal: surface.ng };
+        self.emitters.pdf(&hit, sampling, mask).0 * self.light_sampler.probability(p, n, surface.emitter)
     }
 
     /// Light for a point `p` with normal `n`: from one emitter, chosen by `choice`, weighed for all; its `pdf` is that
@@ -245,12 +252,13 @@ impl Scene {
         &self,
         p: Vec3<F>,
         n: Vec3<F>,
+        sampling: LightSampling,
         choice: impl FnOnce() -> F,
         u: [F; 2],
         mask: F::Mask,
     ) -> Option<EmitterSample<F>> {
         let (emitter, probability) = self.light_sampler.sample(p, n, choice)?;
-        let mut sample = self.emitters.sample(emitter, p, u, mask);
+        let mut sample = self.emitters.sample(emitter, p, sampling, u, mask);
         sample.weight = sample.weight * probability.recip();
         sample.pdf.0 *= probability;
         Some(sample)
