@@ -161,7 +161,7 @@ fn shadows_and_factors() {
         close(mean(&open, &format!("direct:sampling={sampling}")), le * brdf * cos);
         assert_eq!(mean(&shaded, &format!("direct:sampling={sampling}")), 0.0);
     }
-    for sampling in ["area", "light", "product"] {
+    for sampling in ["area", "solid-angle", "light", "product"] {
         close(mean(&shaded, &format!("direct:sampling={sampling},shadows=false")), le * brdf * cos);
     }
     close(mean(&shaded, "direct:sampling=light,factor=le"), le);

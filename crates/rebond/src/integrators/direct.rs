@@ -10,6 +10,7 @@
 //! | `sampling` | draws | density |
 //! |---|---|---|
 //! | `area` | points of the lights, all surfaces alike | 1/ΣA |
+//! | `solid-angle` | directions to the lights, uniform over each | 1/Ω for one of them, chosen by power |
 //! | `light` | points of the lights | ∝ Le, over all of them |
 //! | `cosine` | directions | \|cosθi\|/π |
 //! | `bsdf` | directions | ∝ f_r \|cosθi\|, as far as the model can |
@@ -26,7 +27,7 @@
 
 use super::IntegratorError;
 use crate::bsdf::{Bsdf, BsdfSample, TransportMode};
-use crate::emitter::EmitterSample;
+use crate::emitter::{EmitterSample, LightSampling};
 use crate::math::{Frame, Rgb, Vec3};
 use crate::render::{Bounce, Dimensions, PathState, Shade, ShadowRay};
 use crate::sampling::warp::cosine_hemisphere;
@@ -46,6 +47,8 @@ pub enum DirectSampling {
     /// Points of lights, all their surfaces alike. (Surroundings, points and beams have no area: each is asked as often
     /// as a surface of mean area.)
     Area,
+    /// Directions to lights, uniform over the solid angle of one, which is chosen by what it emits.
+    SolidAngle,
     /// Points of lights by what they emit.
     Light,
     /// Directions by the cosine.
@@ -81,7 +84,7 @@ pub struct DirectSettings {
     pub shadows: bool,
     /// Only this emitter, counted from 0; all if not given.
     pub light: Option<u32>,
-    /// Only this factor of the integrand, averaged over points that `area` or `light` draw.
+    /// Only this factor of the integrand, averaged over points that `area`, `solid-angle` or `light` draw.
     pub factor: Option<Factor>,
     /// How many candidates `product` draws.
     pub candidates: NonZeroU32,
@@ -101,7 +104,7 @@ impl Default for DirectSettings {
 
 /// The settings, for lists.
 pub(super) const SETTINGS: &[(&str, &str)] = &[
-    ("sampling", "how light is found: area, light, cosine, bsdf, mis or product; mis"),
+    ("sampling", "how light is found: area, solid-angle, light, cosine, bsdf, mis or product; mis"),
     ("shadows", "whether lights throw shadows; true"),
     ("light", "number of the one emitter to count; all if not given"),
     ("factor", "one factor of the integrand alone: le, v or bsdf"),
@@ -113,6 +116,8 @@ pub struct Direct {
     settings: DirectSettings,
     /// The choice among emitters by area.
     by_area: Option<Discrete>,
+    /// How a point of a light is drawn.
+    light_sampling: LightSampling,
 }
 
 /// Dimensions of the sample values.
@@ -132,7 +137,7 @@ const MOST_CANDIDATES: u32 = 1024;
 
 impl Direct {
     pub(super) fn new(settings: DirectSettings, scene: &Scene) -> Result<Self, IntegratorError> {
-        use DirectSampling::{Area, Light, Product};
+        use DirectSampling::{Area, Light, Product, SolidAngle};
         let emitters = scene.emitters();
         let error = |message: String, help: &str| Err(IntegratorError { message, help: help.into() });
         if let Some(light) = settings.light
@@ -141,14 +146,14 @@ impl Direct {
             let message = format!("there is no emitter {light}: the scene has {}", emitters.len());
             return error(message, "emitters are counted from 0; `rebond info` says how many there are");
         }
-        if settings.factor.is_some() && !matches!(settings.sampling, Area | Light) {
+        if settings.factor.is_some() && !matches!(settings.sampling, Area | Light | SolidAngle) {
             let message = "a factor of the integrand is averaged over points of lights".to_owned();
-            return error(message, "add sampling=light or sampling=area");
+            return error(message, "add sampling=light, area or solid-angle");
         }
-        if !settings.shadows && !matches!(settings.sampling, Area | Light | Product) {
+        if !settings.shadows && !matches!(settings.sampling, Area | Light | SolidAngle | Product) {
             let message =
                 "light without shadows cannot be found by directions: rays would have to pass walls".to_owned();
-            return error(message, "add sampling=light, area or product");
+            return error(message, "add sampling=light, area, solid-angle or product");
         }
         if settings.candidates.get() > MOST_CANDIDATES {
             return error(format!("candidates = {}", settings.candidates), "1024 are the most");
@@ -159,7 +164,9 @@ impl Direct {
             let mean = if known.is_empty() { 1.0 } else { known.iter().sum::<f32>() / known.len() as f32 };
             Discrete::new(&areas.iter().map(|a| a.unwrap_or(mean)).collect::<Vec<f32>>())
         });
-        Ok(Self { settings, by_area: by_area.flatten() })
+        let light_sampling =
+            if settings.sampling == SolidAngle { LightSampling::SolidAngle } else { LightSampling::Area };
+        Ok(Self { settings, by_area: by_area.flatten(), light_sampling })
     }
 
     /// Whether the light of this emitter is asked for.
@@ -184,7 +191,7 @@ impl Direct {
             (None, Some(by_area)) => by_area.sample(choice()),
             (None, None) => scene.light_sampler().sample(surface.p, normal, choice)?,
         };
-        let mut sample = scene.emitters().sample(emitter, surface.p, place, mask);
+        let mut sample = scene.emitters().sample(emitter, surface.p, self.light_sampling, place, mask);
         sample.weight = sample.weight * probability.recip();
         sample.pdf.0 *= probability;
         Some(sample)
@@ -344,7 +351,7 @@ impl Shade for Direct {
                 let weight = self.weight(path.pdf, || {
                     let hit = surface.seen_from(origin);
                     let probability = self.probability(scene, origin, normal, surface.emitter);
-                    scene.emitters().pdf(&hit, lit).0 * probability
+                    scene.emitters().pdf(&hit, self.light_sampling, lit).0 * probability
                 });
                 path.add(emission * weight, lit);
             }

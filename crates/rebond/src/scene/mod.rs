@@ -11,7 +11,7 @@ pub use surface::Surface;
 
 use crate::bsdf::{Bsdf, Lobe, Model, PARAMETERS};
 use crate::camera::Camera;
-use crate::emitter::{EmitterHit, EmitterSample, Emitters, LightSampler};
+use crate::emitter::{EmitterHit, EmitterSample, Emitters, LightSampler, LightSampling};
 use crate::film::Filter;
 use crate::math::{Frame, Rgb, Vec3};
 use crate::texture::Textures;
@@ -233,8 +233,16 @@ impl Scene {
 
     /// Density per solid angle with which [`Scene::sample_light`] at `p` would have found this surface.
     #[inline(always)]
-    pub fn light_pdf<F: Real>(&self, p: Vec3<F>, n: Vec3<F>, surface: &Surface<F>, mask: F::Mask) -> F {
-        self.emitters.pdf(&surface.seen_from(p), mask).0 * self.light_sampler.probability(p, n, surface.emitter)
+    pub fn light_pdf<F: Real>(
+        &self,
+        p: Vec3<F>,
+        n: Vec3<F>,
+        surface: &Surface<F>,
+        sampling: LightSampling,
+        mask: F::Mask,
+    ) -> F {
+        self.emitters.pdf(&surface.seen_from(p), sampling, mask).0
+            * self.light_sampler.probability(p, n, surface.emitter)
     }
 
     /// Light for a point `p` with normal `n`: from one emitter, chosen by `choice`, weighed for all; its `pdf` is that
@@ -244,12 +252,13 @@ impl Scene {
         &self,
         p: Vec3<F>,
         n: Vec3<F>,
+        sampling: LightSampling,
         choice: impl FnOnce() -> F,
         u: [F; 2],
         mask: F::Mask,
     ) -> Option<EmitterSample<F>> {
         let (emitter, probability) = self.light_sampler.sample(p, n, choice)?;
-        let mut sample = self.emitters.sample(emitter, p, u, mask);
+        let mut sample = self.emitters.sample(emitter, p, sampling, u, mask);
         sample.weight = sample.weight * probability.recip();
         sample.pdf.0 *= probability;
         Some(sample)
@@ -402,7 +411,7 @@ impl<F: Real> Surface<F> {
     /// What its emitter must know of a point that sees it.
     #[inline(always)]
     pub fn seen_from(&self, p: Vec3<F>) -> EmitterHit<F> {
-        EmitterHit { emitter: self.emitter, to: self.p - p, normal: self.ng }
+        EmitterHit { emitter: self.emitter, from: p, to: self.p - p, normal: self.ng }
     }
     /// Lanes whose surface shines.
     #[inline(always)]
