@@ -6,7 +6,7 @@ use common::*;
 use rebond::math::Moments;
 use rebond::render::Engine;
 use rebond::sampling::SamplerSettings;
-use rebond_io::SceneSource;
+use rebond_io::{BUILT_IN_SCENES, SceneSource};
 
 const LEVEL: f64 = 0.01;
 const SEEDS: [u64; 3] = [1, 2, 3];
@@ -16,8 +16,8 @@ fn independent(seed: u64, samples: u32) -> Job {
     Job { seed, sampler: SamplerSettings::Independent {}, samples: 0..samples, ..Job::default() }
 }
 
-/// A camera over the origin of an endless floor z = 0, which sees so little of it that all pixels are one point; `more`
-/// stands on it.
+/// A camera over the origin of a floor z = 0, which sees so little of it that all pixels are one point; `more` stands
+/// about it. The floor is small: how far its points are off, and so where rays start, goes by its size.
 fn floor(more: &str) -> SceneSource {
     parse(&format!(
         r#"
@@ -27,29 +27,29 @@ fn floor(more: &str) -> SceneSource {
         to_world = [{{ scale = 1e-5 }}, {{ look_at = {{ origin = [0, 0, 0.5], target = [0, 0, 0], up = [0, 1, 0] }} }}]
         [[shapes]]
         type = "rectangle"
-        to_world = {{ scale = 1e5 }}
+        to_world = {{ scale = 1e-2 }}
         material = {{ type = "diffuse", reflectance = 0.5 }}
         {more}
         "#
     ))
 }
 
-/// A wall x = `x`, endless but for what lies below the floor.
+/// A wall, as good as endless.
 fn wall(axis: &str, at: f64) -> String {
     let (turn, place) = match axis {
         "x" => ("axis = [0, 1, 0]", format!("[{at}, 0, 0]")),
         _ => ("axis = [1, 0, 0]", format!("[0, {at}, 0]")),
     };
     format!(
-        "[[shapes]]\ntype = \"rectangle\"\nto_world = [{{ scale = 1e5 }}, {{ rotate = {{ {turn}, angle = 90 }} }}, {{ translate = {place} }}]\n"
+        "[[shapes]]\ntype = \"rectangle\"\nto_world = [{{ scale = 1e3 }}, {{ rotate = {{ {turn}, angle = 90 }} }}, {{ translate = {place} }}]\n"
     )
 }
 
 /// A half-plane z = `h` over all x > `a`: it fills ½(1 − a/√(a² + h²)) of the projected hemisphere.
 fn half_plane(a: f64, h: f64) -> String {
     format!(
-        "[[shapes]]\ntype = \"rectangle\"\nto_world = [{{ scale = 1e4 }}, {{ translate = [{}, 0, {h}] }}]\n",
-        a + 1e4
+        "[[shapes]]\ntype = \"rectangle\"\nto_world = [{{ scale = 1e3 }}, {{ translate = [{}, 0, {h}] }}]\n",
+        a + 1e3
     )
 }
 
@@ -77,10 +77,10 @@ fn ambient_occlusion_is_its_closed_form() {
 /// A ceiling at distance 0.7 hides nothing from rays that end at 0.5.
 #[test]
 fn far_things_hide_nothing() {
-    let source = floor(&half_plane(-1e4, 0.7));
+    let source = floor(&half_plane(-1e3, 0.7));
     let mean = |settings: &str| film(&source, settings, &independent(1, 16)).mean()[1];
     assert_eq!(mean("ambient-occlusion"), 0.0);
-    assert_eq!(mean("ambient-occlusion:max_distance=0.5"), 1.0);
+    assert!((mean("ambient-occlusion:max_distance=0.5") - 1.0).abs() < 1e-6);
 }
 
 /// With V = 1 one sample has the variance E[X²] − 1: 8/3 − 1 over the sphere, 4/3 − 1 over the hemisphere, and 0.
@@ -106,15 +106,37 @@ const SAMPLINGS: [&str; 7] = ["area", "solid-angle", "light", "cosine", "bsdf", 
 /// Every sampling has one expectation: that of paths of at most two segments.
 #[test]
 fn samplings_agree() {
-    for name in ["veach-mis", "sky", "cornell-spheres", "point-lights"] {
-        let source = small(name, [48, 48]);
-        let path = film(&source, "path:max_depth=2", &independent(99, 256)).develop();
+    // Small bright lights are met by one direction in ten thousand: few pixels, many samples. In plates as smooth as
+    // Veach's, points of lights bring most light by so few of very large weight that no test of means can judge them.
+    let veach = BUILT_IN_SCENES.iter().find(|b| b.name == "veach-mis").expect("built in").text;
+    let rough = ["0.005", "0.02", "0.05"].iter().fold(veach.to_owned(), |text, alpha| {
+        let from = format!("alpha = {alpha} ");
+        assert!(text.contains(&from));
+        text.replace(&from, "alpha = 0.1 ")
+    });
+    for (name, source, side, samples) in [
+        ("rough veach-mis", parse(&rough), 16, 16384),
+        ("sky", small("sky", [1, 1]), 16, 16384),
+        ("cornell-spheres", small("cornell-spheres", [1, 1]), 48, 256),
+        ("point-lights", small("point-lights", [1, 1]), 48, 256),
+    ] {
+        let mut source = source;
+        (source.description.film.width, source.description.film.height) = (side, side);
+        let path = film(&source, "path:max_depth=2", &independent(99, samples)).develop();
         for (i, sampling) in SAMPLINGS.into_iter().enumerate() {
             let integrator = format!("direct:sampling={sampling}");
-            let direct = film(&source, &integrator, &independent(i as u64 + 1, 256)).develop();
+            let direct = film(&source, &integrator, &independent(i as u64 + 1, samples)).develop();
             agree(&direct, &path, LEVEL / (3.0 * 4.0 * 7.0), &format!("{name}, {sampling}"));
         }
     }
+}
+
+/// Veach's plates as they are, by the samplings that do not leave much to chance there.
+#[test]
+fn mis_agrees_on_smooth_plates() {
+    let source = small("veach-mis", [32, 32]);
+    let path = film(&source, "path:max_depth=2", &independent(1, 1024)).develop();
+    agree(&film(&source, "direct", &independent(2, 1024)).develop(), &path, LEVEL / 3.0, "veach-mis");
 }
 
 #[test]
@@ -136,12 +158,15 @@ fn light_is_linear() {
     let whole = film(&source, "direct", &independent(1, 256));
     let parts: Vec<_> =
         (0..lights).map(|i| film(&source, &format!("direct:light={i}"), &independent(2 + i as u64, 256))).collect();
-    for (i, pixel) in whole.pixels().iter().enumerate() {
+    // Over each row of pixels the differences have the mean 0.
+    for row in 0..32 {
         for c in 0..3 {
-            let sum: f64 = parts.iter().map(|f| f.pixels()[i].mean()[c]).sum();
-            let variance: f64 = parts.iter().chain([&whole]).map(|f| f.pixels()[i].moments(c).variance_of_mean()).sum();
-            let off = (pixel.mean()[c] - sum).abs();
-            assert!(off <= 6.0 * variance.sqrt() + 1e-5 * sum, "pixel {i}: {} for {sum}", pixel.mean()[c]);
+            let difference = |i: usize| {
+                let sum: f64 = parts.iter().map(|f| f.pixels()[i].mean()[c]).sum();
+                sum - whole.pixels()[i].mean()[c]
+            };
+            let differences: Moments = (32 * row..32 * row + 32).map(difference).collect();
+            assert!(differences.p_value(0.0) > LEVEL / 96.0, "row {row}, channel {c}: {differences:?}");
         }
     }
 }
@@ -167,5 +192,5 @@ fn shadows_and_factors() {
     close(mean(&shaded, "direct:sampling=light,factor=le"), le);
     close(mean(&shaded, "direct:sampling=light,factor=bsdf"), brdf * cos);
     assert_eq!(mean(&shaded, "direct:sampling=light,factor=v"), 0.0);
-    assert_eq!(mean(&open, "direct:sampling=light,factor=v"), 1.0);
+    close(mean(&open, "direct:sampling=light,factor=v"), 1.0);
 }
