@@ -183,7 +183,9 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
         EngineName::Wavefront => Engine::Wavefront,
         EngineName::Scalar => Engine::Scalar,
     };
-    let integrator = settings.integrator(&scene, Sampler::new(sampler, a.seed), engine);
+    let integrator = settings
+        .integrator(&scene, Sampler::new(sampler, a.seed), engine)
+        .map_err(|e| Failure::usage(e.message, e.help))?;
     let mut film = Film::try_new(region.width, region.height).ok_or_else(|| {
         Failure::Run(format!(
             "not enough memory for a film of {}x{} pixels; render it in parts with --crop",

@@ -37,11 +37,8 @@ fn two_million_triangles_load_and_render() {
     assert_eq!((s.triangles, s.emitters, s.warnings.len()), (2_000_000, 1, 0));
     assert!(s.accelerator_bytes > 0 && s.table_bytes > 0);
 
-    let integrator = source.description.integrator.integrator(
-        &scene,
-        Sampler::new(SamplerSettings::default(), 0),
-        Engine::Wavefront,
-    );
+    let sampler = Sampler::new(SamplerSettings::default(), 0);
+    let integrator = source.description.integrator.integrator(&scene, sampler, Engine::Wavefront).expect("settings");
     let mut film = Film::new(64, 64);
     let budget = Budget { samples: Some(16), ..Budget::default() };
     render(&*integrator, &mut film, Region::whole(64, 64), 0, &budget, 2, &());

@@ -1,72 +1,15 @@
 //! Renders whose answer is known: by theory, by another engine, or by themselves in another order.
 
-use rebond::compare::{Estimate, welch};
-use rebond::film::{Film, Image};
-use rebond::integrators::IntegratorSettings;
-use rebond::render::{Budget, Engine, Pass, Region, render};
+mod common;
+
+use common::*;
+use rebond::film::Film;
+use rebond::render::{Engine, Pass, Region};
 use rebond::sampling::{Sampler, SamplerSettings};
-use rebond_io::{BUILT_IN_SCENES, BuiltIn, SceneFiles, SceneSource, from_settings};
-use statrs::distribution::{ContinuousCDF, StudentsT};
+use rebond_io::{BUILT_IN_SCENES, BuiltIn, SceneFiles, SceneSource};
 use std::sync::Mutex;
 
 const LEVEL: f64 = 0.01;
-
-fn settings(text: &str) -> IntegratorSettings {
-    from_settings(text).expect("settings").0
-}
-
-fn parse(text: &str) -> SceneSource {
-    SceneSource::parse(text, "test.toml", "test", SceneFiles::BuiltIn).expect("a scene")
-}
-
-fn small(name: &str, size: [u32; 2]) -> SceneSource {
-    let mut source = SceneSource::open(name).expect("a built-in scene");
-    (source.description.film.width, source.description.film.height) = (size[0], size[1]);
-    source
-}
-
-struct Job {
-    engine: Engine,
-    sampler: SamplerSettings,
-    seed: u64,
-    samples: std::ops::Range<u32>,
-    threads: usize,
-}
-
-impl Default for Job {
-    fn default() -> Self {
-        let (engine, sampler) = (Engine::Wavefront, SamplerSettings::default());
-        Self { engine, sampler, seed: 1, samples: 0..16, threads: 2 }
-    }
-}
-
-fn film(source: &SceneSource, integrator: &str, job: &Job) -> Film {
-    let scene = source.build().expect("a good scene");
-    let integrator = settings(integrator).integrator(&scene, Sampler::new(job.sampler, job.seed), job.engine);
-    let [width, height] = [source.description.film.width, source.description.film.height];
-    let mut film = Film::new(width, height);
-    let budget = Budget { samples: Some(job.samples.len() as u32), ..Budget::default() };
-    render(&*integrator, &mut film, Region::whole(width, height), job.samples.start, &budget, job.threads, &());
-    assert_eq!(film.dropped_samples(), 0);
-    film
-}
-
-/// The two-sided chance of a mean this far from `expected`. Pixels are independent: their samples hang on their numbers.
-fn t_test(film: &Film, expected: f64) -> (f64, f64) {
-    let values: Vec<f64> = film.pixels().iter().map(|p| p.mean()[1]).collect();
-    let n = values.len() as f64;
-    let mean = values.iter().sum::<f64>() / n;
-    let variance = values.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (n - 1.0);
-    // Where every pixel is the same number but for f32's rounding there is no noise to judge by.
-    if (mean - expected).abs() <= 1e-6 * expected {
-        return (mean, 1.0);
-    }
-    if variance == 0.0 {
-        return (mean, 0.0);
-    }
-    let t = (mean - expected) / (variance / n).sqrt();
-    (mean, 2.0 * StudentsT::new(0.0, 1.0, n - 1.0).expect("degrees").sf(t.abs()))
-}
 
 /// Inside a sphere that shines with 1 and reflects ρ, L = 1 / (1 − ρ) everywhere.
 #[test]
@@ -195,8 +138,8 @@ fn sample_ranges_merge() {
 fn crops_are_cut_from_the_whole() {
     let source = small("cornell-box", [50, 50]);
     let scene = source.build().expect("a good scene");
-    let integrator =
-        settings("path").integrator(&scene, Sampler::new(SamplerSettings::default(), 1), Engine::Wavefront);
+    let sampler = Sampler::new(SamplerSettings::default(), 1);
+    let integrator = settings("path").integrator(&scene, sampler, Engine::Wavefront).expect("settings");
     let crop = Region { x: 13, y: 21, width: 17, height: 9, full_width: 50 };
     let cut = Mutex::new(Film::new(17, 9));
     integrator.add_samples(&cut, &Pass { region: crop, samples: 0..8, threads: 2 }, &());
@@ -207,17 +150,6 @@ fn crops_are_cut_from_the_whole() {
             assert!(cut.pixels()[y * 17 + x] == whole.pixels()[(y + 21) * 50 + x + 13]);
         }
     }
-}
-
-struct Channels {
-    mean: Vec<f32>,
-    variance: Vec<f32>,
-    samples: Vec<f32>,
-}
-
-fn channel(image: &Image, c: usize) -> Channels {
-    let data = |layer: &str, c: usize| image.layer(layer).expect("a layer").channels[c].data.clone();
-    Channels { mean: data("", c), variance: data("variance", c), samples: data("samples", 0) }
 }
 
 /// The scalar and the wavefront engine estimate the same picture, on every scene, from independent samples.
@@ -231,21 +163,7 @@ fn engines_agree_on_every_scene() {
                 .develop()
         };
         let (a, b_) = (one(Engine::Scalar, 1), one(Engine::Wavefront, 2));
-        for c in 0..3 {
-            let (x, y) = (channel(&a, c), channel(&b_, c));
-            let first = Estimate { mean: &x.mean, variance: &x.variance, samples: &x.samples };
-            let second = Estimate { mean: &y.mean, variance: &y.variance, samples: &y.samples };
-            let w = welch(first, second, 48, 48, 8, LEVEL / 24.0).expect("a test");
-            assert!(w.tested > 0);
-            assert!(
-                w.passes(),
-                "{}, channel {c}: {} of {} blocks, p {}",
-                b.name,
-                w.significant,
-                w.tested,
-                w.below_alpha_p
-            );
-        }
+        agree(&a, &b_, LEVEL / 24.0, b.name);
     }
 }
 

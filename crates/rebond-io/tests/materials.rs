@@ -42,8 +42,9 @@ fn scene(text: &str) -> (Scene, [u32; 2]) {
 
 fn film(text: &str, engine: Engine, samples: u32) -> Film {
     let (scene, [width, height]) = scene(text);
-    let integrator =
-        IntegratorSettings::default().integrator(&scene, Sampler::new(SamplerSettings::Independent {}, 5), engine);
+    let integrator = IntegratorSettings::default()
+        .integrator(&scene, Sampler::new(SamplerSettings::Independent {}, 5), engine)
+        .expect("settings");
     let mut film = Film::new(width, height);
     let budget = Budget { samples: Some(samples), ..Budget::default() };
     render(&*integrator, &mut film, Region::whole(width, height), 0, &budget, 1, &());

@@ -128,6 +128,12 @@ impl Model {
         | 1 << Model::Conductor as u32
         | 1 << Model::ThinDielectric as u32;
 
+    /// Bit m: model m may pass light to the other side.
+    const TRANSMITS: u32 = 1 << Model::Dielectric as u32
+        | 1 << Model::RoughDielectric as u32
+        | 1 << Model::ThinDielectric as u32
+        | 1 << Model::Principled as u32;
+
     /// Whether all of its light leaves in one or two single directions, which no other sampler can find.
     #[inline(always)]
     pub fn is_specular(self) -> bool {
@@ -191,7 +197,7 @@ impl<F: Real> BsdfSample<F> {
         Self::glossy(Vec3::splat([0.0, 0.0, 1.0]), Rgb::black(), F::zero())
     }
     #[inline(always)]
-    fn select(mask: F::Mask, a: Self, b: Self) -> Self {
+    pub(crate) fn select(mask: F::Mask, a: Self, b: Self) -> Self {
         Self {
             w: Vec3::select(mask, a.w, b.w),
             weight: Rgb::select(mask, a.weight, b.weight),
@@ -247,15 +253,27 @@ impl<F: Real> Bsdf<'_, F> {
     /// Lanes whose model is specular: their light arrives only along sampled directions.
     #[inline(always)]
     pub fn is_specular(&self) -> F::Mask {
-        let mut specular = F::Mask::splat(false);
-        if self.present & Model::SPECULAR != 0 {
+        self.is_of(Model::SPECULAR)
+    }
+
+    /// Lanes whose model may pass light to the other side.
+    #[inline(always)]
+    pub fn may_transmit(&self) -> F::Mask {
+        self.is_of(Model::TRANSMITS)
+    }
+
+    /// Lanes whose model is one of these bits.
+    #[inline(always)]
+    fn is_of(&self, models: u32) -> F::Mask {
+        let mut found = F::Mask::splat(false);
+        if self.present & models != 0 {
             self.each_model(F::Mask::splat(true), |model, lanes| {
-                if model.is_specular() {
-                    specular = specular | lanes;
+                if models >> model as u32 & 1 == 1 {
+                    found = found | lanes;
                 }
             });
         }
-        specular
+        found
     }
 
     /// Calls `f` for each model present, with its lanes.

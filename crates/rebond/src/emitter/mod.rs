@@ -12,13 +12,25 @@ pub use light_sampler::LightSampler;
 
 use crate::math::{Frame, LUMINANCE, Rgb, Vec3};
 use crate::sampling::warp::{uniform_cone, uniform_cone_pdf, uniform_disk, uniform_sphere, uniform_triangle};
-use crate::sampling::{PdfArea, PdfSolidAngle};
+use crate::sampling::{PdfArea, PdfSolidAngle, SphericalTriangle};
 use glam::Vec3 as V;
 use rebond_lanes::{Index, Mask, Real, Record, math};
+use serde::{Deserialize, Serialize};
 use std::f32::consts::PI;
 
 /// The number of no emitter.
 pub const NO_EMITTER: u32 = u32::MAX;
+
+/// How points of triangles and parallelograms are drawn.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LightSampling {
+    /// Uniformly by area.
+    #[default]
+    Area,
+    /// Uniformly by solid angle; by area from within about a thousandth of their size of their plane or of an edge.
+    SolidAngle,
+}
 
 /// A light, as it goes into the table. Radiance leaves surfaces to the side of their normal.
 #[derive(Clone, Copy, Debug)]
@@ -244,7 +256,7 @@ pub struct EmitterSample<F: Real> {
 }
 
 impl<F: Real> EmitterSample<F> {
-    fn none() -> Self {
+    pub(crate) fn none() -> Self {
         Self {
             wi: Vec3::splat([0.0, 0.0, 1.0]),
             point: Vec3::zero(),
@@ -257,7 +269,7 @@ impl<F: Real> EmitterSample<F> {
     }
 
     #[inline(always)]
-    fn select(mask: F::Mask, a: Self, b: Self) -> Self {
+    pub(crate) fn select(mask: F::Mask, a: Self, b: Self) -> Self {
         Self {
             wi: Vec3::select(mask, a.wi, b.wi),
             point: Vec3::select(mask, a.point, b.point),
@@ -275,6 +287,8 @@ impl<F: Real> EmitterSample<F> {
 pub struct EmitterHit<F: Real> {
     /// Number of the emitter.
     pub emitter: F::Index,
+    /// The receiving point.
+    pub from: Vec3<F>,
     /// From the receiving point to the hit.
     pub to: Vec3<F>,
     /// Geometric normal at the hit.
@@ -315,6 +329,13 @@ impl Emitters {
         F::record(&self.table, emitter * F::Index::splat(RECORDS) + F::Index::splat(number))
     }
 
+    /// The area of an emitter; none if it is no surface.
+    pub fn area(&self, emitter: u32) -> Option<f32> {
+        let at = |n: u32| self.table[(emitter * RECORDS + n) as usize].0[3];
+        let kind = KINDS[at(0).to_bits() as usize];
+        matches!(kind, Kind::Triangle | Kind::Parallelogram | Kind::Sphere | Kind::Disk).then(|| at(1).recip())
+    }
+
     /// Radiance that a surface emitter sends to the side of its normal.
     #[inline(always)]
     pub fn radiance<F: Real>(&self, emitter: F::Index) -> Rgb<F> {
@@ -323,7 +344,14 @@ impl Emitters {
 
     /// Light of the given emitters at the point `p`, from u in [0, 1)².
     #[inline(always)]
-    pub fn sample<F: Real>(&self, emitter: F::Index, p: Vec3<F>, u: [F; 2], mask: F::Mask) -> EmitterSample<F> {
+    pub fn sample<F: Real>(
+        &self,
+        emitter: F::Index,
+        p: Vec3<F>,
+        sampling: LightSampling,
+        u: [F; 2],
+        mask: F::Mask,
+    ) -> EmitterSample<F> {
         let [r, g, b, kind] = self.record::<F>(emitter, 0);
         let (value, kind) = (Rgb::new(r, g, b), kind.to_bits());
         let single = self.present.is_power_of_two();
@@ -337,8 +365,14 @@ impl Emitters {
                 continue;
             }
             let s = match k {
-                Kind::Triangle => self.sample_flat(emitter, p, value, uniform_triangle(u)),
-                Kind::Parallelogram => self.sample_flat(emitter, p, value, u),
+                Kind::Triangle | Kind::Parallelogram => {
+                    let parallelogram = k == Kind::Parallelogram;
+                    let by_area = if parallelogram { u } else { uniform_triangle(u) };
+                    match sampling {
+                        LightSampling::Area => self.sample_flat(emitter, p, value, by_area),
+                        LightSampling::SolidAngle => self.sample_polygon(emitter, p, value, parallelogram, u, by_area),
+                    }
+                }
                 Kind::Disk => self.sample_flat(emitter, p, value, uniform_disk(u)),
                 Kind::Sphere => self.sample_sphere(emitter, p, value, u),
                 Kind::Point => self.sample_point(emitter, p, value),
@@ -366,6 +400,42 @@ impl Emitters {
         let point = e1.mul_add(b[0], e2.mul_add(b[1], p0));
         let error = (p0.max_abs() + e1.max_abs() + e2.max_abs()) * POINT_ERROR;
         Self::from_surface_point(p, point, normal, error, radiance, PdfArea(density))
+    }
+
+    /// A point of a triangle or a parallelogram, uniform by solid angle where that can be computed.
+    #[inline(always)]
+    fn sample_polygon<F: Real>(
+        &self,
+        emitter: F::Index,
+        p: Vec3<F>,
+        radiance: Rgb<F>,
+        parallelogram: bool,
+        u: [F; 2],
+        by_area: [F; 2],
+    ) -> EmitterSample<F> {
+        let seen = self.seen_polygon(emitter, p, parallelogram);
+        let b = seen.sample(u);
+        let b = [0, 1].map(|i| F::select(seen.sound, b[i], by_area[i]));
+        let mut sample = self.sample_flat(emitter, p, radiance, b);
+        let lit = seen.sound & (sample.point - p).dot(sample.normal).lt(F::zero());
+        sample.weight = Rgb::select(seen.sound, (radiance * seen.solid_angle).masked(lit), sample.weight);
+        sample.pdf.0 = F::select(seen.sound, seen.solid_angle.recip(), sample.pdf.0);
+        sample
+    }
+
+    /// A triangle or a parallelogram as seen from `p`, in units of the farthest of what matters.
+    #[inline(always)]
+    fn seen_polygon<F: Real>(&self, emitter: F::Index, p: Vec3<F>, parallelogram: bool) -> SeenPolygon<F> {
+        let [x, y, z, density] = self.record::<F>(emitter, 1);
+        let normal = Vec3::of_record(self.record(emitter, 4));
+        let (e1, e2) = (Vec3::of_record(self.record(emitter, 2)), Vec3::of_record(self.record(emitter, 3)));
+        let apex = crate::math::vec3(x, y, z) - p;
+        let scale = apex.max_abs().max(e1.max_abs()).max(e2.max_abs()).recip();
+        let (apex, e1, e2) = (apex * scale, e1 * scale, e2 * scale);
+        // Twice the area of each triangle, from f64; squared last, since lengths squared may be beyond f32.
+        let side = density.recip().sqrt() * scale;
+        let twice = side * side * if parallelogram { 1.0 } else { 2.0 };
+        SeenPolygon::new(apex, [e1, e2], apex.dot(normal).abs() * twice, parallelogram)
     }
 
     #[inline(always)]
@@ -466,10 +536,22 @@ impl Emitters {
 
     /// The density with which [`Emitters::sample`] would have found a surface point that a path hit.
     #[inline(always)]
-    pub fn pdf<F: Real>(&self, hit: &EmitterHit<F>, mask: F::Mask) -> PdfSolidAngle<F> {
+    pub fn pdf<F: Real>(&self, hit: &EmitterHit<F>, sampling: LightSampling, mask: F::Mask) -> PdfSolidAngle<F> {
         let kind = self.record::<F>(hit.emitter, 0)[3].to_bits();
         let [_, _, _, density] = self.record::<F>(hit.emitter, 1);
-        let by_area = PdfArea(density).to_solid_angle(hit.to, hit.normal);
+        let mut by_area = PdfArea(density).to_solid_angle(hit.to, hit.normal);
+        if sampling == LightSampling::SolidAngle {
+            for k in [Kind::Triangle, Kind::Parallelogram] {
+                if self.present >> k as u32 & 1 == 0 {
+                    continue;
+                }
+                let lanes = mask & kind.eq(F::Index::splat(k as u32));
+                if lanes.any() {
+                    let seen = self.seen_polygon(hit.emitter, hit.from, k == Kind::Parallelogram);
+                    by_area.0 = F::select(lanes & seen.sound, seen.solid_angle.recip(), by_area.0);
+                }
+            }
+        }
         if self.present >> Kind::Sphere as u32 & 1 == 0 {
             return by_area;
         }
@@ -482,6 +564,43 @@ impl Emitters {
         let to_center = hit.to - hit.normal * (radius * sign);
         let cone = SphereCone::new(to_center, radius);
         PdfSolidAngle(F::select(sphere & cone.outside, uniform_cone_pdf(cone.one_minus_cos).0, by_area.0))
+    }
+}
+
+/// A triangle, or a parallelogram as a fan of two triangles: the map from the square to it is continuous.
+struct SeenPolygon<F: Real> {
+    fan: [SphericalTriangle<F>; 2],
+    solid_angle: F,
+    sound: F::Mask,
+    parallelogram: bool,
+}
+
+impl<F: Real> SeenPolygon<F> {
+    #[inline(always)]
+    fn new(apex: Vec3<F>, edges: [Vec3<F>; 2], volume: F, parallelogram: bool) -> Self {
+        if !parallelogram {
+            let whole = SphericalTriangle::new(apex, edges, volume);
+            return Self { fan: [whole; 2], solid_angle: whole.solid_angle(), sound: whole.is_sound(), parallelogram };
+        }
+        let diagonal = edges[0] + edges[1];
+        let fan = [[edges[0], diagonal], [diagonal, edges[1]]].map(|e| SphericalTriangle::new(apex, e, volume));
+        let solid_angle = fan[0].solid_angle() + fan[1].solid_angle();
+        Self { fan, solid_angle, sound: fan[0].is_sound() & fan[1].is_sound(), parallelogram }
+    }
+
+    /// Coordinates along the edges.
+    #[inline(always)]
+    fn sample(&self, u: [F; 2]) -> [F; 2] {
+        if !self.parallelogram {
+            let [s, t] = self.fan[0].sample(u);
+            return [(F::one() - s) * t, s * t];
+        }
+        let area = u[0] * self.solid_angle;
+        let [first, second] = self.fan.map(|t| t.solid_angle());
+        let in_second = area.ge(first);
+        let rest = F::select(in_second, (area - first) / second, area / first).min(F::one());
+        let [s, t] = SphericalTriangle::select(in_second, self.fan[1], self.fan[0]).sample([rest, u[1]]);
+        [F::select(in_second, t * (F::one() - s), t), F::select(in_second, t, s * t)]
     }
 }
 

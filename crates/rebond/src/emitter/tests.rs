@@ -7,7 +7,7 @@ use rebond_lanes::scalar::Index1;
 
 fn sample(e: Emitter, environments: Vec<Environment>, p: [f32; 3], n: usize) -> Vec<EmitterSample<f32>> {
     let emitters = Emitters::new(&[e], environments);
-    random_pairs(n as u32).map(|u| emitters.sample(Index1(0), Vec3::splat(p), u, true)).collect()
+    random_pairs(n as u32).map(|u| emitters.sample(Index1(0), Vec3::splat(p), LightSampling::Area, u, true)).collect()
 }
 
 /// Irradiance at p on a surface with normal +z, with its samples.
@@ -112,10 +112,14 @@ fn directions_follow_their_densities() {
     ];
     for (name, e, meet) in cases {
         let emitters = Emitters::new(&[e], vec![]);
-        let draw = |u| Some(emitters.sample(Index1(0), Vec3::zero(), u, true).wi);
+        let draw = |u| Some(emitters.sample(Index1(0), Vec3::zero(), LightSampling::Area, u, true).wi);
         let pdf = |w: Vec3<f32>| match meet(w) {
             None => 0.0,
-            Some((to, normal)) => emitters.pdf(&EmitterHit { emitter: Index1(0), to, normal }, true).0,
+            Some((to, normal)) => {
+                emitters
+                    .pdf(&EmitterHit { emitter: Index1(0), from: Vec3::zero(), to, normal }, LightSampling::Area, true)
+                    .0
+            }
         };
         chi2_directions(name, draw, pdf);
     }

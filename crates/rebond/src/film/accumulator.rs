@@ -8,7 +8,7 @@
 //! a few of them lose nothing.
 
 use super::{Channel, Image, Layer};
-use crate::math;
+use crate::math::{self, Moments};
 
 /// Fraction bits of the sums of values and of squares. Sums of squares lose the variance of samples below about 10⁻⁹.
 const VALUE_BITS: i32 = 64;
@@ -146,6 +146,11 @@ impl Pixel {
             if self.samples < 2 { 0.0 } else { (sum_of_squares / (n - 1.0)).max(0.0) }
         })
     }
+
+    /// What is known of a channel's expectation.
+    pub fn moments(&self, channel: usize) -> Moments {
+        Moments::new(self.samples, self.mean()[channel], self.variance()[channel])
+    }
 }
 
 /// The picture being made.
@@ -223,10 +228,10 @@ impl Film {
             if p.samples < 2 {
                 return f64::INFINITY;
             }
-            // The channels of a sample rise and fall together: standard deviations add up.
-            let deviation = luminance(p.variance().map(f64::sqrt));
+            // The channels of a sample rise and fall together: standard errors add up.
+            let error = luminance(std::array::from_fn(|c| p.moments(c).standard_error()));
             let l = luminance(p.mean());
-            deviation * deviation / p.samples as f64 / (l * l + 0.01 * mean * mean).max(f64::MIN_POSITIVE)
+            error * error / (l * l + 0.01 * mean * mean).max(f64::MIN_POSITIVE)
         };
         (self.pixels.iter().map(one).sum::<f64>() / self.pixels.len() as f64).sqrt()
     }
@@ -245,7 +250,7 @@ impl Film {
         let colours = |f: &dyn Fn(&Pixel) -> [f64; 3]| -> Vec<[f32; 3]> {
             self.pixels.iter().map(|p| f(p).map(|x| x as f32)).collect()
         };
-        let of_mean = |p: &Pixel| p.variance().map(|v| v / p.samples.max(1) as f64);
+        let of_mean = |p: &Pixel| std::array::from_fn(|c| p.moments(c).variance_of_mean());
         let samples = Channel { name: "Y".into(), data: self.pixels.iter().map(|p| p.samples as f32).collect() };
         Image {
             width: self.width,

@@ -12,8 +12,12 @@
 //!
 //! and differs from the others in how it draws the paths X_i. One file per algorithm; none imports another.
 
+mod ambient_occlusion;
+mod direct;
 mod path;
 
+pub use ambient_occlusion::{AmbientOcclusionSampling, AmbientOcclusionSettings};
+pub use direct::{DirectSampling, DirectSettings, Factor};
 pub use path::PathSettings;
 
 use crate::render::{Engine, Integrator};
@@ -25,6 +29,10 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum IntegratorSettings {
+    /// Ambient occlusion.
+    AmbientOcclusion(AmbientOcclusionSettings),
+    /// Direct light.
+    Direct(DirectSettings),
     /// Path tracing.
     Path(PathSettings),
 }
@@ -47,16 +55,40 @@ pub struct IntegratorInfo {
 }
 
 /// The integrators there are.
-pub const INTEGRATORS: &[IntegratorInfo] = &[IntegratorInfo {
-    name: "path",
-    summary: "explicit path tracing with multiple importance sampling",
-    settings: path::SETTINGS,
-}];
+pub const INTEGRATORS: &[IntegratorInfo] = &[
+    IntegratorInfo {
+        name: "ambient-occlusion",
+        summary: "how much of an even sky a point sees",
+        settings: ambient_occlusion::SETTINGS,
+    },
+    IntegratorInfo {
+        name: "direct",
+        summary: "emission and direct light, by a choice of samplings",
+        settings: direct::SETTINGS,
+    },
+    IntegratorInfo {
+        name: "path",
+        summary: "explicit path tracing with multiple importance sampling",
+        settings: path::SETTINGS,
+    },
+];
+
+/// Settings that do not go together, or not with the scene.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{message}")]
+pub struct IntegratorError {
+    /// What is wrong.
+    pub message: String,
+    /// What to do.
+    pub help: String,
+}
 
 impl IntegratorSettings {
     /// Its name.
     pub fn name(&self) -> &'static str {
         match self {
+            Self::AmbientOcclusion(_) => "ambient-occlusion",
+            Self::Direct(_) => "direct",
             Self::Path(_) => "path",
         }
     }
@@ -64,14 +96,25 @@ impl IntegratorSettings {
     /// Whether its expectation differs from the rendering equation's solution.
     pub fn is_biased(&self) -> bool {
         match self {
+            Self::AmbientOcclusion(_) | Self::Direct(_) => true,
             Self::Path(settings) => settings.is_biased(),
         }
     }
 
     /// The integrator.
-    pub fn integrator<'a>(&self, scene: &'a Scene, sampler: Sampler, engine: Engine) -> Box<dyn Integrator + 'a> {
-        match self {
+    pub fn integrator<'a>(
+        &self,
+        scene: &'a Scene,
+        sampler: Sampler,
+        engine: Engine,
+    ) -> Result<Box<dyn Integrator + 'a>, IntegratorError> {
+        Ok(match self {
+            Self::AmbientOcclusion(settings) => {
+                let shade = ambient_occlusion::AmbientOcclusion::new(*settings)?;
+                engine.integrator(scene, sampler, shade)
+            }
+            Self::Direct(settings) => engine.integrator(scene, sampler, direct::Direct::new(*settings, scene)?),
             Self::Path(settings) => engine.integrator(scene, sampler, path::Path::new(*settings)),
-        }
+        })
     }
 }

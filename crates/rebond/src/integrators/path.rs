@@ -12,6 +12,7 @@
 //! when it does (Russian roulette; η undoes what refraction did to radiance).
 
 use crate::bsdf::TransportMode;
+use crate::emitter::LightSampling;
 use crate::render::{Bounce, PathState, Shade, ShadowRay};
 use crate::scene::{Scene, is_hit};
 use crate::transport::power_heuristic;
@@ -105,7 +106,7 @@ impl Shade for Path {
         let emission = scene.emitted(&surface, found);
         let lit = found & emission.is_lit();
         if lit.any() {
-            let light_pdf = scene.light_pdf(origin, path.normal(), &surface, lit);
+            let light_pdf = scene.light_pdf(origin, path.normal(), &surface, LightSampling::Area, lit);
             path.add(emission * power_heuristic(path.pdf, light_pdf), lit);
         }
         let going_on = found & path.depth.lt(F::Index::splat(self.max_depth));
@@ -118,8 +119,14 @@ impl Shade for Path {
         let diffuse = going_on.and_not(bsdf.is_specular());
         let mut shadow = None;
         if diffuse.any()
-            && let Some(light) =
-                scene.sample_light(surface.p, bsdf.normal(), || u.value(LIGHT_CHOICE), u.pair(LIGHT_POINT), diffuse)
+            && let Some(light) = scene.sample_light(
+                surface.p,
+                bsdf.normal(),
+                LightSampling::Area,
+                || u.value(LIGHT_CHOICE),
+                u.pair(LIGHT_POINT),
+                diffuse,
+            )
         {
             let value = bsdf.eval(surface.wo, light.wi, TransportMode::Radiance, diffuse);
             // A light that no direction finds has pdf 0, and this the whole weight.

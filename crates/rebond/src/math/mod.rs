@@ -1,10 +1,12 @@
 //! Vectors, colours and frames over [`Real`].
 
 mod frame;
+mod moments;
 mod rgb;
 mod vec3;
 
 pub use frame::Frame;
+pub use moments::Moments;
 pub use rgb::{LUMINANCE, Rgb, luminance};
 pub use vec3::{Vec3, vec3};
 

@@ -4,9 +4,11 @@ mod discrete;
 mod grid;
 mod measure;
 mod sampler;
+mod spherical;
 pub mod warp;
 
 pub use discrete::Discrete;
 pub use grid::{Cell, Grid, Grids, linear};
 pub use measure::{PdfArea, PdfSolidAngle};
 pub use sampler::{Sampler, SamplerSettings, Stream};
+pub use spherical::SphericalTriangle;

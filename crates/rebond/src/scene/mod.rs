@@ -12,7 +12,7 @@ pub use surface::Surface;
 use crate::bsdf::measured::Tables;
 use crate::bsdf::{Bsdf, Lobe, Model, PARAMETERS};
 use crate::camera::Camera;
-use crate::emitter::{EmitterHit, EmitterSample, Emitters, LightSampler};
+use crate::emitter::{EmitterHit, EmitterSample, Emitters, LightSampler, LightSampling};
 use crate::film::Filter;
 use crate::math::{Frame, Rgb, Vec3};
 use crate::texture::Textures;
@@ -235,9 +235,16 @@ impl Scene {
 
     /// Density per solid angle with which [`Scene::sample_light`] at `p` would have found this surface.
     #[inline(always)]
-    pub fn light_pdf<F: Real>(&self, p: Vec3<F>, n: Vec3<F>, surface: &Surface<F>, mask: F::Mask) -> F {
-        let hit = EmitterHit { emitter: surface.emitter, to: surface.p - p, normal: surface.ng };
-        self.emitters.pdf(&hit, mask).0 * self.light_sampler.probability(p, n, surface.emitter)
+    pub fn light_pdf<F: Real>(
+        &self,
+        p: Vec3<F>,
+        n: Vec3<F>,
+        surface: &Surface<F>,
+        sampling: LightSampling,
+        mask: F::Mask,
+    ) -> F {
+        self.emitters.pdf(&surface.seen_from(p), sampling, mask).0
+            * self.light_sampler.probability(p, n, surface.emitter)
     }
 
     /// Light for a point `p` with normal `n`: from one emitter, chosen by `choice`, weighed for all; its `pdf` is that
@@ -247,12 +254,13 @@ impl Scene {
         &self,
         p: Vec3<F>,
         n: Vec3<F>,
+        sampling: LightSampling,
         choice: impl FnOnce() -> F,
         u: [F; 2],
         mask: F::Mask,
     ) -> Option<EmitterSample<F>> {
         let (emitter, probability) = self.light_sampler.sample(p, n, choice)?;
-        let mut sample = self.emitters.sample(emitter, p, u, mask);
+        let mut sample = self.emitters.sample(emitter, p, sampling, u, mask);
         sample.weight = sample.weight * probability.recip();
         sample.pdf.0 *= probability;
         Some(sample)
@@ -402,6 +410,11 @@ pub fn is_hit<F: Real>(hit: &Hit<F>) -> F::Mask {
 }
 
 impl<F: Real> Surface<F> {
+    /// What its emitter must know of a point that sees it.
+    #[inline(always)]
+    pub fn seen_from(&self, p: Vec3<F>) -> EmitterHit<F> {
+        EmitterHit { emitter: self.emitter, from: p, to: self.p - p, normal: self.ng }
+    }
     /// Lanes whose surface shines.
     #[inline(always)]
     pub fn is_emitter(&self) -> F::Mask {

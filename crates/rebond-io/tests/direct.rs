@@ -1,0 +1,196 @@
+//! Ambient occlusion and direct light against closed forms, theory's variances, and each other.
+
+mod common;
+
+use common::*;
+use rebond::math::Moments;
+use rebond::render::Engine;
+use rebond::sampling::SamplerSettings;
+use rebond_io::{BUILT_IN_SCENES, SceneSource};
+
+const LEVEL: f64 = 0.01;
+const SEEDS: [u64; 3] = [1, 2, 3];
+const AO: [&str; 3] = ["sphere", "hemisphere", "cosine"];
+
+fn independent(seed: u64, samples: u32) -> Job {
+    Job { seed, sampler: SamplerSettings::Independent {}, samples: 0..samples, ..Job::default() }
+}
+
+/// A camera over the origin of a floor z = 0, which sees so little of it that all pixels are one point; `more` stands
+/// about it. The floor is small: how far its points are off, and so where rays start, goes by its size.
+fn floor(more: &str) -> SceneSource {
+    parse(&format!(
+        r#"
+        film = {{ width = 24, height = 24 }}
+        [camera]
+        type = "orthographic"
+        to_world = [{{ scale = 1e-5 }}, {{ look_at = {{ origin = [0, 0, 0.5], target = [0, 0, 0], up = [0, 1, 0] }} }}]
+        [[shapes]]
+        type = "rectangle"
+        to_world = {{ scale = 1e-2 }}
+        material = {{ type = "diffuse", reflectance = 0.5 }}
+        {more}
+        "#
+    ))
+}
+
+/// A wall, as good as endless.
+fn wall(axis: &str, at: f64) -> String {
+    let (turn, place) = match axis {
+        "x" => ("axis = [0, 1, 0]", format!("[{at}, 0, 0]")),
+        _ => ("axis = [1, 0, 0]", format!("[0, {at}, 0]")),
+    };
+    format!(
+        "[[shapes]]\ntype = \"rectangle\"\nto_world = [{{ scale = 1e3 }}, {{ rotate = {{ {turn}, angle = 90 }} }}, {{ translate = {place} }}]\n"
+    )
+}
+
+/// A half-plane z = `h` over all x > `a`: it fills ½(1 − a/√(a² + h²)) of the projected hemisphere.
+fn half_plane(a: f64, h: f64) -> String {
+    format!(
+        "[[shapes]]\ntype = \"rectangle\"\nto_world = [{{ scale = 1e3 }}, {{ translate = [{}, 0, {h}] }}]\n",
+        a + 1e3
+    )
+}
+
+#[test]
+fn ambient_occlusion_is_its_closed_form() {
+    let (a, h) = (0.3, 0.7);
+    let cases = [
+        ("an open plane", String::new(), 1.0),
+        ("beside a wall", wall("x", -0.4), 0.5),
+        ("in a corner", wall("x", -0.4) + &wall("y", 0.2), 0.25),
+        ("under a half plane", half_plane(a, h), 1.0 - 0.5 * (1.0 - a / a.hypot(h))),
+    ];
+    for (what, more, expected) in cases {
+        let source = floor(&more);
+        for sampling in AO {
+            for seed in SEEDS {
+                let film = film(&source, &format!("ambient-occlusion:sampling={sampling}"), &independent(seed, 64));
+                let (mean, p) = t_test(&film, expected);
+                assert!(p > LEVEL / 36.0, "{what}, {sampling}: {mean} for {expected}, p {p:.1e}");
+            }
+        }
+    }
+}
+
+/// A ceiling at distance 0.7 hides nothing from rays that end at 0.5.
+#[test]
+fn far_things_hide_nothing() {
+    let source = floor(&half_plane(-1e3, 0.7));
+    let mean = |settings: &str| film(&source, settings, &independent(1, 16)).mean()[1];
+    assert_eq!(mean("ambient-occlusion"), 0.0);
+    assert!((mean("ambient-occlusion:max_distance=0.5") - 1.0).abs() < 1e-6);
+}
+
+/// With V = 1 one sample has the variance E[X²] − 1: 8/3 − 1 over the sphere, 4/3 − 1 over the hemisphere, and 0.
+#[test]
+fn variances_of_ambient_occlusion_are_those_of_theory() {
+    println!("sampling      theory  measured");
+    for (sampling, theory) in AO.into_iter().zip([5.0 / 3.0, 1.0 / 3.0, 0.0]) {
+        for seed in SEEDS {
+            let film = film(&floor(""), &format!("ambient-occlusion:sampling={sampling}"), &independent(seed, 256));
+            let variances: Moments = film.pixels().iter().map(|p| p.variance()[1]).collect();
+            println!("{sampling:12} {theory:7.4} {:9.4}", variances.mean());
+            if theory == 0.0 {
+                assert_eq!(variances.mean(), 0.0);
+            } else {
+                assert!(variances.p_value(theory) > LEVEL / 6.0, "{sampling}: {variances:?}");
+            }
+        }
+    }
+}
+
+const SAMPLINGS: [&str; 7] = ["area", "solid-angle", "light", "cosine", "bsdf", "mis", "product"];
+
+/// Every sampling has one expectation: that of paths of at most two segments.
+#[test]
+fn samplings_agree() {
+    // Small bright lights are met by one direction in ten thousand: few pixels, many samples. In plates as smooth as
+    // Veach's, points of lights bring most light by so few of very large weight that no test of means can judge them.
+    let veach = BUILT_IN_SCENES.iter().find(|b| b.name == "veach-mis").expect("built in").text;
+    let rough = ["0.005", "0.02", "0.05"].iter().fold(veach.to_owned(), |text, alpha| {
+        let from = format!("alpha = {alpha} ");
+        assert!(text.contains(&from));
+        text.replace(&from, "alpha = 0.1 ")
+    });
+    for (name, source, side, samples) in [
+        ("rough veach-mis", parse(&rough), 16, 16384),
+        ("sky", small("sky", [1, 1]), 16, 16384),
+        ("cornell-spheres", small("cornell-spheres", [1, 1]), 48, 256),
+        ("point-lights", small("point-lights", [1, 1]), 48, 256),
+    ] {
+        let mut source = source;
+        (source.description.film.width, source.description.film.height) = (side, side);
+        let path = film(&source, "path:max_depth=2", &independent(99, samples)).develop();
+        for (i, sampling) in SAMPLINGS.into_iter().enumerate() {
+            let integrator = format!("direct:sampling={sampling}");
+            let direct = film(&source, &integrator, &independent(i as u64 + 1, samples)).develop();
+            agree(&direct, &path, LEVEL / (3.0 * 4.0 * 7.0), &format!("{name}, {sampling}"));
+        }
+    }
+}
+
+/// Veach's plates as they are, by the samplings that do not leave much to chance there.
+#[test]
+fn mis_agrees_on_smooth_plates() {
+    let source = small("veach-mis", [32, 32]);
+    let path = film(&source, "path:max_depth=2", &independent(1, 1024)).develop();
+    agree(&film(&source, "direct", &independent(2, 1024)).develop(), &path, LEVEL / 3.0, "veach-mis");
+}
+
+#[test]
+fn engines_agree_on_each_sampling() {
+    let source = small("cornell-spheres", [32, 32]);
+    for sampling in SAMPLINGS {
+        let integrator = format!("direct:sampling={sampling}");
+        let one = |engine, seed| film(&source, &integrator, &Job { engine, ..independent(seed, 64) }).develop();
+        agree(&one(Engine::Scalar, 1), &one(Engine::Wavefront, 2), LEVEL / 21.0, sampling);
+    }
+}
+
+/// The picture under all lights is the sum of those under each.
+#[test]
+fn light_is_linear() {
+    let source = small("point-lights", [32, 32]);
+    let lights = source.build().expect("a good scene").emitters().len();
+    assert!(lights > 1);
+    let whole = film(&source, "direct", &independent(1, 256));
+    let parts: Vec<_> =
+        (0..lights).map(|i| film(&source, &format!("direct:light={i}"), &independent(2 + i as u64, 256))).collect();
+    // Over each row of pixels the differences have the mean 0.
+    for row in 0..32 {
+        for c in 0..3 {
+            let difference = |i: usize| {
+                let sum: f64 = parts.iter().map(|f| f.pixels()[i].mean()[c]).sum();
+                sum - whole.pixels()[i].mean()[c]
+            };
+            let differences: Moments = (32 * row..32 * row + 32).map(difference).collect();
+            assert!(differences.p_value(0.0) > LEVEL / 96.0, "row {row}, channel {c}: {differences:?}");
+        }
+    }
+}
+
+/// Without shadows a wall between light and floor is not there; its factors multiply to the whole under one point light.
+#[test]
+fn shadows_and_factors() {
+    let lamp = "[[emitters]]\ntype = \"point\"\nposition = [0, 0.4, 0.3]\nintensity = 2\n";
+    let board = "[[shapes]]\ntype = \"rectangle\"\nto_world = [{ scale = 0.05 }, { translate = [0, 0.2, 0.15] }]\n";
+    let (open, shaded) = (floor(lamp), floor(&format!("{board}{lamp}")));
+    let mean = |source: &SceneSource, settings: &str| film(source, settings, &independent(1, 4)).mean()[1];
+    let d2 = 0.4 * 0.4 + 0.3 * 0.3;
+    let (le, cos) = (2.0 / d2, 0.3 / f64::sqrt(d2));
+    let close = |x: f64, y: f64| assert!((x - y).abs() < 1e-5 * y, "{x} for {y}");
+    let brdf = 0.5 / std::f64::consts::PI;
+    for sampling in SAMPLINGS {
+        close(mean(&open, &format!("direct:sampling={sampling}")), le * brdf * cos);
+        assert_eq!(mean(&shaded, &format!("direct:sampling={sampling}")), 0.0);
+    }
+    for sampling in ["area", "solid-angle", "light", "product"] {
+        close(mean(&shaded, &format!("direct:sampling={sampling},shadows=false")), le * brdf * cos);
+    }
+    close(mean(&shaded, "direct:sampling=light,factor=le"), le);
+    close(mean(&shaded, "direct:sampling=light,factor=bsdf"), brdf * cos);
+    assert_eq!(mean(&shaded, "direct:sampling=light,factor=v"), 0.0);
+    close(mean(&open, "direct:sampling=light,factor=v"), 1.0);
+}
