@@ -61,17 +61,24 @@ fn channel(image: &Image, c: usize) -> Channels {
     Channels { mean: data("", c), variance: data("variance", c), samples: data("samples", 0) }
 }
 
-/// Two pictures have one expectation: Welch's test of blocks of 8 × 8, each channel at `level`.
-pub fn agree(a: &Image, b: &Image, level: f64, what: &str) {
+/// Whether two pictures have one expectation: Welch's test of blocks of pixels, each channel at `level`.
+pub fn judge(a: &Image, b: &Image, block: u32, level: f64) -> Result<(), String> {
     for c in 0..3 {
         let (x, y) = (channel(a, c), channel(b, c));
         let first = Estimate { mean: &x.mean, variance: &x.variance, samples: &x.samples };
         let second = Estimate { mean: &y.mean, variance: &y.variance, samples: &y.samples };
-        let w = welch(first, second, a.width, a.height, 8, level).expect("a test");
+        let w = welch(first, second, a.width, a.height, block, level).expect("a test");
         assert!(w.tested > 0);
-        let (significant, tested, p) = (w.significant, w.tested, w.below_alpha_p);
-        assert!(w.passes(), "{what}, channel {c}: {significant} of {tested} blocks, p {p}");
+        if !w.passes() {
+            return Err(format!("channel {c}: {} of {} blocks, p {}", w.significant, w.tested, w.below_alpha_p));
+        }
     }
+    Ok(())
+}
+
+/// They have, in blocks of 8 × 8.
+pub fn agree(a: &Image, b: &Image, level: f64, what: &str) {
+    judge(a, b, 8, level).unwrap_or_else(|e| panic!("{what}, {e}"));
 }
 
 /// The mean of a picture's green, and the two-sided chance of one this far from `expected`. Pixels are independent:

@@ -55,7 +55,7 @@ pub struct AmbientOcclusion(AmbientOcclusionSettings);
 impl AmbientOcclusion {
     pub(super) fn new(settings: AmbientOcclusionSettings) -> Result<Self, IntegratorError> {
         match settings.max_distance {
-            Some(d) if !(d > 0.0) => Err(IntegratorError {
+            Some(d) if d <= 0.0 || d.is_nan() => Err(IntegratorError {
                 message: format!("max_distance = {d} hides nothing"),
                 help: "give a length above 0, in metres".into(),
             }),
