@@ -626,4 +626,6 @@ fn importance(emitter: &Emitter, scene_radius: f32) -> f64 {
 }
 
 #[cfg(test)]
+mod solid_angle_tests;
+#[cfg(test)]
 mod tests;

@@ -1,5 +1,7 @@
 //! What the algorithms share.
 
+pub mod irradiance;
+
 use rebond_lanes::Real;
 
 /// The power heuristic with β = 2 (Veach 1997, §9.2.4): the weight of a sample drawn with density `a` that another
