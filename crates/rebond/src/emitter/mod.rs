@@ -367,7 +367,9 @@ impl Emitters {
                     let by_area = if parallelogram { u } else { uniform_triangle(u) };
                     match sampling {
                         LightSampling::Area => self.sample_flat(emitter, p, value, by_area),
-                        LightSampling::SolidAngle => self.sample_polygon(emitter, p, value, parallelogram, u, by_area),
+                        LightSampling::SolidAngle => {
+                            self.sample_polygon(emitter, p, value, parallelogram, [u, by_area], lanes)
+                        }
                     }
                 }
                 Kind::Disk => self.sample_flat(emitter, p, value, uniform_disk(u)),
@@ -407,11 +409,11 @@ impl Emitters {
         p: Vec3<F>,
         radiance: Rgb<F>,
         parallelogram: bool,
-        u: [F; 2],
-        by_area: [F; 2],
+        [u, by_area]: [[F; 2]; 2],
+        mask: F::Mask,
     ) -> EmitterSample<F> {
         let seen = self.seen_polygon(emitter, p, parallelogram);
-        let b = seen.sample(u);
+        let b = seen.sample(u, mask);
         let b = [0, 1].map(|i| F::select(seen.sound, b[i], by_area[i]));
         let mut sample = self.sample_flat(emitter, p, radiance, b);
         let lit = seen.sound & (sample.point - p).dot(sample.normal).lt(F::zero());
@@ -605,13 +607,13 @@ impl<F: Real> SeenPolygon<F> {
 
     /// Coordinates along the edges.
     #[inline(always)]
-    fn sample(&self, u: [F; 2]) -> [F; 2] {
+    fn sample(&self, u: [F; 2], mask: F::Mask) -> [F; 2] {
         if !self.parallelogram {
             let [s, t] = self.fan[0].sample(u);
             return [(F::one() - s) * t, s * t];
         }
         let across = if self.is_rectangle.any() { self.rectangle.sample(u) } else { u };
-        if self.is_rectangle.all() {
+        if (mask & self.sound).and_not(self.is_rectangle).none() {
             return across;
         }
         let area = u[0] * self.solid_angle;

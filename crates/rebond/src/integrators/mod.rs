@@ -16,6 +16,7 @@ mod path;
 
 pub use path::PathSettings;
 
+use crate::emitter::LightSampling;
 use crate::render::{Engine, Integrator};
 use crate::sampling::Sampler;
 use crate::scene::Scene;
@@ -71,7 +72,10 @@ impl IntegratorSettings {
     /// The integrator.
     pub fn integrator<'a>(&self, scene: &'a Scene, sampler: Sampler, engine: Engine) -> Box<dyn Integrator + 'a> {
         match self {
-            Self::Path(settings) => engine.integrator(scene, sampler, path::Path::new(*settings)),
+            Self::Path(settings) => match settings.light_sampling {
+                LightSampling::Area => engine.integrator(scene, sampler, path::Path::<false>::new(*settings)),
+                LightSampling::SolidAngle => engine.integrator(scene, sampler, path::Path::<true>::new(*settings)),
+            },
         }
     }
 }
