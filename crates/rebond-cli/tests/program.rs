@@ -316,8 +316,8 @@ fn integrators_are_listed() {
     assert!(path["summary"].is_string());
     // Every setting listed is one that can be set.
     let settings: Vec<&String> = path["settings"].as_object().expect("settings").keys().collect();
-    assert_eq!(settings, ["max_depth", "mode", "rr_depth"]);
-    answer(&folder, &small(&["-i", "path:max_depth=2,rr_depth=1,mode=mis"]));
+    assert_eq!(settings, ["light_sampling", "max_depth", "mode", "rr_depth"]);
+    answer(&folder, &small(&["-i", "path:max_depth=2,rr_depth=1,mode=mis,light_sampling=solid-angle"]));
 }
 
 #[test]

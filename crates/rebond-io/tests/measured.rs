@@ -619,8 +619,8 @@ fn scene(folder: &std::path::Path, text: &str) -> SceneSource {
 
 fn film(source: &SceneSource, engine: Engine, samples: u32) -> Film {
     let scene = source.build().expect("a good scene");
-    let integrator =
-        IntegratorSettings::default().integrator(&scene, Sampler::new(SamplerSettings::default(), 3), engine);
+    let sampler = Sampler::new(SamplerSettings::default(), 3);
+    let integrator = IntegratorSettings::default().integrator(&scene, sampler, engine).expect("settings");
     let [width, height] = [source.description.film.width, source.description.film.height];
     let mut film = Film::new(width, height);
     let budget = Budget { samples: Some(samples), ..Budget::default() };

@@ -22,7 +22,12 @@ pub fn t_test_p_value(samples: &[f64], expected: f64) -> f64 {
 
 /// Independent uniform pairs.
 pub fn random_pairs(n: u32) -> impl Iterator<Item = [f32; 2]> {
-    let sampler = Sampler::new(SamplerSettings::Independent {}, 12_345);
+    seeded_pairs(n, 12_345)
+}
+
+/// Independent uniform pairs, others for every seed.
+pub fn seeded_pairs(n: u32, seed: u64) -> impl Iterator<Item = [f32; 2]> {
+    let sampler = Sampler::new(SamplerSettings::Independent {}, seed);
     (0..n).map(move |i| sampler.stream::<f32>(Index1(i), Index1(0)).pair(Index1(0)))
 }
 

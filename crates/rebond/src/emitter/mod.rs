@@ -12,7 +12,7 @@ pub use light_sampler::LightSampler;
 
 use crate::math::{Frame, LUMINANCE, Rgb, Vec3};
 use crate::sampling::warp::{uniform_cone, uniform_cone_pdf, uniform_disk, uniform_sphere, uniform_triangle};
-use crate::sampling::{PdfArea, PdfSolidAngle, SphericalTriangle};
+use crate::sampling::{PdfArea, PdfSolidAngle, SphericalRectangle, SphericalTriangle};
 use glam::Vec3 as V;
 use rebond_lanes::{Index, Mask, Real, Record, math};
 use serde::{Deserialize, Serialize};
@@ -131,6 +131,9 @@ const KINDS: [Kind; 8] = [
 
 const RECORDS: u32 = 5;
 
+/// Largest cosine that counts as a right angle. Corners are rounded; the point drawn is off by as little of an edge.
+const RIGHT_ANGLE: f64 = 1e-5;
+
 impl Emitter {
     /// Power in W (per colour channel), for the choice among emitters; `scene_radius` is what infinite ones shine on.
     pub fn power(&self, scene_radius: f32) -> [f64; 3] {
@@ -173,10 +176,12 @@ impl Emitter {
             }
             Self::Parallelogram { p: [p, a, b], radiance } => {
                 let n = area_vector(a, b);
+                let (da, db) = (a.as_dvec3(), b.as_dvec3());
+                let rectangle = da.dot(db).abs() < RIGHT_ANGLE * da.length() * db.length();
                 [
                     word(radiance, Kind::Parallelogram),
                     with(p, (1.0 / n.length()) as f32),
-                    with(a, 0.0),
+                    with(a, if rectangle { 1.0 } else { 0.0 }),
                     with(b, 0.0),
                     with(n.normalize().as_vec3(), 0.0),
                 ]
@@ -370,7 +375,9 @@ impl Emitters {
                     let by_area = if parallelogram { u } else { uniform_triangle(u) };
                     match sampling {
                         LightSampling::Area => self.sample_flat(emitter, p, value, by_area),
-                        LightSampling::SolidAngle => self.sample_polygon(emitter, p, value, parallelogram, u, by_area),
+                        LightSampling::SolidAngle => {
+                            self.sample_polygon(emitter, p, value, parallelogram, [u, by_area], lanes)
+                        }
                     }
                 }
                 Kind::Disk => self.sample_flat(emitter, p, value, uniform_disk(u)),
@@ -410,11 +417,11 @@ impl Emitters {
         p: Vec3<F>,
         radiance: Rgb<F>,
         parallelogram: bool,
-        u: [F; 2],
-        by_area: [F; 2],
+        [u, by_area]: [[F; 2]; 2],
+        mask: F::Mask,
     ) -> EmitterSample<F> {
         let seen = self.seen_polygon(emitter, p, parallelogram);
-        let b = seen.sample(u);
+        let b = seen.sample(u, mask);
         let b = [0, 1].map(|i| F::select(seen.sound, b[i], by_area[i]));
         let mut sample = self.sample_flat(emitter, p, radiance, b);
         let lit = seen.sound & (sample.point - p).dot(sample.normal).lt(F::zero());
@@ -428,14 +435,23 @@ impl Emitters {
     fn seen_polygon<F: Real>(&self, emitter: F::Index, p: Vec3<F>, parallelogram: bool) -> SeenPolygon<F> {
         let [x, y, z, density] = self.record::<F>(emitter, 1);
         let normal = Vec3::of_record(self.record(emitter, 4));
-        let (e1, e2) = (Vec3::of_record(self.record(emitter, 2)), Vec3::of_record(self.record(emitter, 3)));
+        let [x1, y1, z1, rectangle] = self.record::<F>(emitter, 2);
+        let (e1, e2) = (crate::math::vec3(x1, y1, z1), Vec3::of_record(self.record(emitter, 3)));
         let apex = crate::math::vec3(x, y, z) - p;
         let scale = apex.max_abs().max(e1.max_abs()).max(e2.max_abs()).recip();
         let (apex, e1, e2) = (apex * scale, e1 * scale, e2 * scale);
         // Twice the area of each triangle, from f64; squared last, since lengths squared may be beyond f32.
         let side = density.recip().sqrt() * scale;
         let twice = side * side * if parallelogram { 1.0 } else { 2.0 };
-        SeenPolygon::new(apex, [e1, e2], apex.dot(normal).abs() * twice, parallelogram)
+        let height = apex.dot(normal).abs();
+        let mut seen = SeenPolygon::new(apex, [e1, e2], height * twice, parallelogram);
+        if parallelogram {
+            let (w, h) = (e1.length(), e2.length());
+            let corner = [apex.dot(e1) / w, apex.dot(e2) / h, height];
+            seen.rectangle = SphericalRectangle::new(corner, [w, h], seen.solid_angle);
+            seen.is_rectangle = seen.sound & rectangle.gt(F::zero()) & seen.rectangle.is_sound();
+        }
+        seen
     }
 
     #[inline(always)]
@@ -567,12 +583,15 @@ impl Emitters {
     }
 }
 
-/// A triangle, or a parallelogram as a fan of two triangles: the map from the square to it is continuous.
+/// A triangle; or a parallelogram as a fan of two triangles, which the square is mapped to continuously, or, in the lanes
+/// of `is_rectangle`, as a rectangle. All densities are 1/Ω.
 struct SeenPolygon<F: Real> {
     fan: [SphericalTriangle<F>; 2],
     solid_angle: F,
     sound: F::Mask,
     parallelogram: bool,
+    rectangle: SphericalRectangle<F>,
+    is_rectangle: F::Mask,
 }
 
 impl<F: Real> SeenPolygon<F> {
@@ -580,27 +599,38 @@ impl<F: Real> SeenPolygon<F> {
     fn new(apex: Vec3<F>, edges: [Vec3<F>; 2], volume: F, parallelogram: bool) -> Self {
         if !parallelogram {
             let whole = SphericalTriangle::new(apex, edges, volume);
-            return Self { fan: [whole; 2], solid_angle: whole.solid_angle(), sound: whole.is_sound(), parallelogram };
+            return Self::of_fan([whole; 2], whole.solid_angle(), whole.is_sound(), parallelogram);
         }
         let diagonal = edges[0] + edges[1];
         let fan = [[edges[0], diagonal], [diagonal, edges[1]]].map(|e| SphericalTriangle::new(apex, e, volume));
         let solid_angle = fan[0].solid_angle() + fan[1].solid_angle();
-        Self { fan, solid_angle, sound: fan[0].is_sound() & fan[1].is_sound(), parallelogram }
+        Self::of_fan(fan, solid_angle, fan[0].is_sound() & fan[1].is_sound(), parallelogram)
+    }
+
+    #[inline(always)]
+    fn of_fan(fan: [SphericalTriangle<F>; 2], solid_angle: F, sound: F::Mask, parallelogram: bool) -> Self {
+        let rectangle = SphericalRectangle::new([F::one(); 3], [F::one(); 2], solid_angle);
+        Self { fan, solid_angle, sound, parallelogram, rectangle, is_rectangle: F::Mask::splat(false) }
     }
 
     /// Coordinates along the edges.
     #[inline(always)]
-    fn sample(&self, u: [F; 2]) -> [F; 2] {
+    fn sample(&self, u: [F; 2], mask: F::Mask) -> [F; 2] {
         if !self.parallelogram {
             let [s, t] = self.fan[0].sample(u);
             return [(F::one() - s) * t, s * t];
+        }
+        let across = if self.is_rectangle.any() { self.rectangle.sample(u) } else { u };
+        if (mask & self.sound).and_not(self.is_rectangle).none() {
+            return across;
         }
         let area = u[0] * self.solid_angle;
         let [first, second] = self.fan.map(|t| t.solid_angle());
         let in_second = area.ge(first);
         let rest = F::select(in_second, (area - first) / second, area / first).min(F::one());
         let [s, t] = SphericalTriangle::select(in_second, self.fan[1], self.fan[0]).sample([rest, u[1]]);
-        [F::select(in_second, t * (F::one() - s), t), F::select(in_second, t, s * t)]
+        let fan = [F::select(in_second, t * (F::one() - s), t), F::select(in_second, t, s * t)];
+        [0, 1].map(|i| F::select(self.is_rectangle, across[i], fan[i]))
     }
 }
 
@@ -633,5 +663,7 @@ fn importance(emitter: &Emitter, scene_radius: f32) -> f64 {
     LUMINANCE.iter().zip(emitter.power(scene_radius)).map(|(w, p)| f64::from(*w) * p).sum()
 }
 
+#[cfg(test)]
+mod solid_angle_tests;
 #[cfg(test)]
 mod tests;

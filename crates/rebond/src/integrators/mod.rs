@@ -20,6 +20,7 @@ pub use ambient_occlusion::{AmbientOcclusionSampling, AmbientOcclusionSettings};
 pub use direct::{DirectSampling, DirectSettings, Factor};
 pub use path::PathSettings;
 
+use crate::emitter::LightSampling;
 use crate::render::{Engine, Integrator};
 use crate::sampling::Sampler;
 use crate::scene::Scene;
@@ -114,7 +115,10 @@ impl IntegratorSettings {
                 engine.integrator(scene, sampler, shade)
             }
             Self::Direct(settings) => engine.integrator(scene, sampler, direct::Direct::new(*settings, scene)?),
-            Self::Path(settings) => engine.integrator(scene, sampler, path::Path::new(*settings)),
+            Self::Path(settings) => match settings.light_sampling {
+                LightSampling::Area => engine.integrator(scene, sampler, path::Path::<false>::new(*settings)),
+                LightSampling::SolidAngle => engine.integrator(scene, sampler, path::Path::<true>::new(*settings)),
+            },
         })
     }
 }

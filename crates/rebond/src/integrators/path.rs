@@ -40,11 +40,13 @@ pub struct PathSettings {
     pub rr_depth: u32,
     /// How direct light is estimated.
     pub mode: PathMode,
+    /// How points of triangles and parallelograms are drawn.
+    pub light_sampling: LightSampling,
 }
 
 impl Default for PathSettings {
     fn default() -> Self {
-        Self { max_depth: None, rr_depth: 5, mode: PathMode::Mis }
+        Self { max_depth: None, rr_depth: 5, mode: PathMode::Mis, light_sampling: LightSampling::Area }
     }
 }
 
@@ -60,15 +62,18 @@ pub(super) const SETTINGS: &[(&str, &str)] = &[
     ("max_depth", "longest path in segments; unlimited if not given"),
     ("rr_depth", "segments after which Russian roulette begins; 5"),
     ("mode", "how direct light is estimated: mis"),
+    ("light_sampling", "how points of flat lights are drawn: area or solid-angle; area"),
 ];
 
-/// The estimator.
-pub struct Path {
+/// The estimator. How light is sampled is a constant, so that by area there is no trace of the other.
+pub struct Path<const SOLID_ANGLE: bool> {
     max_depth: u32,
     rr_depth: u32,
 }
 
-impl Path {
+impl<const SOLID_ANGLE: bool> Path<SOLID_ANGLE> {
+    const LIGHT_SAMPLING: LightSampling = if SOLID_ANGLE { LightSampling::SolidAngle } else { LightSampling::Area };
+
     pub(super) fn new(settings: PathSettings) -> Self {
         Self { max_depth: settings.max_depth.map_or(u32::MAX, NonZeroU32::get), rr_depth: settings.rr_depth }
     }
@@ -83,7 +88,7 @@ const MIX_CHOICE: u32 = 4;
 const ROULETTE: u32 = 5;
 const PER_BOUNCE: u32 = 6;
 
-impl Shade for Path {
+impl<const SOLID_ANGLE: bool> Shade for Path<SOLID_ANGLE> {
     fn shade<F: Real>(&self, scene: &Scene, path: &mut PathState<F>, hit: &Hit<F>, active: F::Mask) -> Bounce<F> {
         let u = path.dimensions(PER_BOUNCE);
         let found = active & is_hit(hit);
@@ -106,7 +111,7 @@ impl Shade for Path {
         let emission = scene.emitted(&surface, found);
         let lit = found & emission.is_lit();
         if lit.any() {
-            let light_pdf = scene.light_pdf(origin, path.normal(), &surface, LightSampling::Area, lit);
+            let light_pdf = scene.light_pdf(origin, path.normal(), &surface, Self::LIGHT_SAMPLING, lit);
             path.add(emission * power_heuristic(path.pdf, light_pdf), lit);
         }
         let going_on = found & path.depth.lt(F::Index::splat(self.max_depth));
@@ -122,7 +127,7 @@ impl Shade for Path {
             && let Some(light) = scene.sample_light(
                 surface.p,
                 bsdf.normal(),
-                LightSampling::Area,
+                Self::LIGHT_SAMPLING,
                 || u.value(LIGHT_CHOICE),
                 u.pair(LIGHT_POINT),
                 diffuse,

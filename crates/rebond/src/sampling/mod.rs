@@ -11,4 +11,4 @@ pub use discrete::Discrete;
 pub use grid::{Cell, Grid, Grids, linear};
 pub use measure::{PdfArea, PdfSolidAngle};
 pub use sampler::{Sampler, SamplerSettings, Stream};
-pub use spherical::SphericalTriangle;
+pub use spherical::{SphericalRectangle, SphericalTriangle};
