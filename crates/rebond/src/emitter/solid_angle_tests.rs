@@ -347,6 +347,7 @@ fn round_lights_give_their_closed_forms() {
 
 /// Variance of both estimators of irradiance: `∫ (A cosθ cosθ'/d² − E)² dA/A` and `∫ (Ω cosθ − E)² dω/Ω`.
 #[test]
+#[expect(clippy::print_stdout, reason = "a table for whoever asks with --nocapture")]
 fn variances_are_those_of_theory() {
     println!("{:<14} {:>8} {:>12} {:>12} {:>12} {:>12}", "light", "height", "area", "theory", "solid angle", "theory");
     let mut tests = Vec::new();
