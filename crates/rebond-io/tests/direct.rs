@@ -85,6 +85,7 @@ fn far_things_hide_nothing() {
 
 /// With V = 1 one sample has the variance E[X²] − 1: 8/3 − 1 over the sphere, 4/3 − 1 over the hemisphere, and 0.
 #[test]
+#[allow(clippy::print_stdout)] // the table is there to be read
 fn variances_of_ambient_occlusion_are_those_of_theory() {
     println!("sampling      theory  measured");
     for (sampling, theory) in AO.into_iter().zip([5.0 / 3.0, 1.0 / 3.0, 0.0]) {

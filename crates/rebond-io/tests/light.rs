@@ -6,7 +6,7 @@ use common::*;
 use rebond::film::{Film, Image};
 use rebond::render::{Engine, Pass, Region};
 use rebond::sampling::{Sampler, SamplerSettings};
-use rebond_io::{BUILT_IN_SCENES, BuiltIn, SceneFiles, SceneSource};
+use rebond_io::{BUILT_IN_SCENES, BuiltIn};
 use std::sync::Mutex;
 
 const LEVEL: f64 = 0.01;
