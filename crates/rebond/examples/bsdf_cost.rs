@@ -73,7 +73,7 @@ impl<F: Real> Inputs<F> {
     }
 }
 
-fn bsdf<F: Real>(model: Model, p: [f32; PARAMETERS]) -> Bsdf<F> {
+fn bsdf<F: Real>(model: Model, p: [f32; PARAMETERS]) -> Bsdf<'static, F> {
     let (zero, one) = (F::zero(), F::one());
     let frame = Frame { s: vec3(one, zero, zero), t: vec3(zero, one, zero), n: vec3(zero, zero, one) };
     let lobe = Lobe { color: Rgb::splat([0.8, 0.7, 0.6]), p: p.map(F::splat) };
