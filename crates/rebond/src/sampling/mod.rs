@@ -9,4 +9,5 @@ pub mod warp;
 pub use discrete::Discrete;
 pub use grid::{Cell, Grid, linear};
 pub use measure::{PdfArea, PdfSolidAngle};
+pub(crate) use sampler::mix;
 pub use sampler::{Sampler, SamplerSettings, Stream};

@@ -235,7 +235,7 @@ impl Scene {
     #[inline(always)]
     pub fn light_pdf<F: Real>(&self, p: Vec3<F>, n: Vec3<F>, surface: &Surface<F>, mask: F::Mask) -> F {
         let hit = EmitterHit { emitter: surface.emitter, to: surface.p - p, normal: surface.ng };
-        self.emitters.pdf(&hit, mask).0 * self.light_sampler.probability(p, n, surface.emitter)
+        self.emitters.pdf(&hit, mask).0 * self.light_sampler.probability(p, n, surface.emitter, mask)
     }
 
     /// Light for a point `p` with normal `n`: from one emitter, chosen by `choice`, weighed for all; its `pdf` is that
@@ -249,7 +249,7 @@ impl Scene {
         u: [F; 2],
         mask: F::Mask,
     ) -> Option<EmitterSample<F>> {
-        let (emitter, probability) = self.light_sampler.sample(p, n, choice)?;
+        let (emitter, probability) = self.light_sampler.sample(p, n, choice, mask)?;
         let mut sample = self.emitters.sample(emitter, p, u, mask);
         sample.weight = sample.weight * probability.recip();
         sample.pdf.0 *= probability;
@@ -261,7 +261,8 @@ impl Scene {
     #[inline(always)]
     pub fn surroundings<F: Real>(&self, p: Vec3<F>, n: Vec3<F>, w: Vec3<F>) -> impl Iterator<Item = (Rgb<F>, F)> {
         self.emitters.environments.iter().map(move |(number, environment)| {
-            let probability = self.light_sampler.probability(p, n, F::Index::splat(*number));
+            let mask = F::Mask::splat(true);
+            let probability = self.light_sampler.probability(p, n, F::Index::splat(*number), mask);
             let (radiance, pdf) = environment.eval(w);
             (radiance, pdf.0 * probability)
         })
