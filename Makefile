@@ -55,4 +55,5 @@ bench:
 scenes: tools
 	$(PYTHON) scenes/make/checker.py scenes/checker.png
 	$(PYTHON) scenes/make/sky.py scenes/sky.hdr
+	$(PYTHON) scenes/make/many_lights.py scenes
 	$(if $(DRAGON),$(PYTHON) scenes/make/dragon.py $(DRAGON) scenes/dragon.ply)

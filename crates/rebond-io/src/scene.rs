@@ -33,6 +33,7 @@ pub const BUILT_IN_SCENES: &[BuiltIn] = built_in![
     "dragon",
     "furnace",
     "glossy-spheres",
+    "many-lights",
     "point-lights",
     "sky",
     "veach-mis",
@@ -41,6 +42,12 @@ pub const BUILT_IN_SCENES: &[BuiltIn] = built_in![
 /// The files that those scenes name.
 const BUILT_IN_FILES: &[(&str, &[u8])] = &[
     ("dragon.ply", include_bytes!("../../../scenes/dragon.ply")),
+    ("lanterns-amber.ply", include_bytes!("../../../scenes/lanterns-amber.ply")),
+    ("lanterns-azure.ply", include_bytes!("../../../scenes/lanterns-azure.ply")),
+    ("lanterns-ivory.ply", include_bytes!("../../../scenes/lanterns-ivory.ply")),
+    ("lanterns-jade.ply", include_bytes!("../../../scenes/lanterns-jade.ply")),
+    ("lanterns-rose.ply", include_bytes!("../../../scenes/lanterns-rose.ply")),
+    ("lanterns-violet.ply", include_bytes!("../../../scenes/lanterns-violet.ply")),
     ("sky.hdr", include_bytes!("../../../scenes/sky.hdr")),
     ("checker.png", include_bytes!("../../../scenes/checker.png")),
 ];

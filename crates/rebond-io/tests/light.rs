@@ -1,6 +1,7 @@
 //! Renders whose answer is known: by theory, by another engine, or by themselves in another order.
 
 use rebond::compare::{Estimate, welch};
+use rebond::emitter::LightChoice;
 use rebond::film::{Film, Image};
 use rebond::integrators::IntegratorSettings;
 use rebond::render::{Budget, Engine, Pass, Region, render};
@@ -295,6 +296,29 @@ fn units_do_not_show() {
     for s in [1e-9, 1e-6, 1e-3, 1e3, 1e7, 1e10, 1e13, 1e16] {
         let other = mean(s);
         assert!((other / one - 1.0).abs() < 2e-3, "in units of {s}: {other} for {one}");
+    }
+}
+
+/// Whichever way an emitter is chosen, the picture is the same.
+#[test]
+fn light_choices_agree() {
+    let scenes = ["many-lights", "cornell-spheres", "glossy-spheres", "point-lights", "sky", "veach-mis"];
+    for name in scenes {
+        let one = |choice, seed| {
+            let mut source = small(name, [48, 48]);
+            source.description.light_choice = Some(choice);
+            let sampler = SamplerSettings::Independent {};
+            film(&source, "path:max_depth=6", &Job { sampler, seed, samples: 0..256, ..Job::default() }).develop()
+        };
+        let (power, tree) = (one(LightChoice::Power, 1), one(LightChoice::Tree, 2));
+        for c in 0..3 {
+            let (x, y) = (channel(&power, c), channel(&tree, c));
+            let first = Estimate { mean: &x.mean, variance: &x.variance, samples: &x.samples };
+            let second = Estimate { mean: &y.mean, variance: &y.variance, samples: &y.samples };
+            let w = welch(first, second, 48, 48, 8, LEVEL / (3 * scenes.len()) as f64).expect("a test");
+            assert!(w.tested > 0);
+            assert!(w.passes(), "{name}, channel {c}: {} of {}, p {}", w.significant, w.tested, w.below_alpha_p);
+        }
     }
 }
 
