@@ -86,7 +86,7 @@ def main():
     parser.add_argument("--reference", type=int, default=16384, help="samples per pixel of the reference")
     parser.add_argument("--max-depth", type=int, default=6)
     parser.add_argument("--threads", type=int, default=2)
-    parser.add_argument("--rebond", default=str(HERE.parents[1] / "target" / "release" / "rebond"))
+    parser.add_argument("--rebond", default=str(HERE.parents[1] / "target" / "release" / "rebond"), help="the program")
     parser.add_argument("--save", action="store_true", help="keep the raw figures in results/")
     args = parser.parse_args()
     results = [measure(args, scene) for scene in args.scenes]
