@@ -57,4 +57,5 @@ scenes: tools
 	$(PYTHON) scenes/make/sky.py scenes/sky.hdr
 	$(PYTHON) scenes/make/window.py scenes/window.hdr
 	$(PYTHON) scenes/make/gallery.py scenes
+	$(PYTHON) scenes/make/many_lights.py scenes
 	$(if $(DRAGON),$(PYTHON) scenes/make/dragon.py $(DRAGON) scenes/dragon.ply)

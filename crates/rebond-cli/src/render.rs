@@ -4,6 +4,7 @@ use crate::Failure;
 use crate::output::{answer, check, note, peak_memory_bytes, write};
 use crate::progress::{Progress, catch_interrupt};
 use clap::Args;
+use rebond::emitter::LightChoice;
 use rebond::film::Film;
 use rebond::integrators::IntegratorSettings;
 use rebond::render::{Budget, Engine, Region, render};
@@ -43,6 +44,9 @@ pub struct Arguments {
     /// Threads to use [default: all].
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
+    /// How an emitter is chosen to light a point, in place of the scene's own way.
+    #[arg(long, value_enum)]
+    light_choice: Option<LightChoiceName>,
     /// Many paths at once, or one after the other for reference.
     #[arg(long, value_enum, default_value_t = EngineName::Wavefront)]
     engine: EngineName,
@@ -67,6 +71,12 @@ pub struct Arguments {
 enum EngineName {
     Wavefront,
     Scalar,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum LightChoiceName {
+    Power,
+    Tree,
 }
 
 #[derive(Clone, Copy, clap::ValueEnum)]
@@ -135,6 +145,12 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
     let description = &mut source.description;
     if let Some([w, h]) = a.size {
         (description.film.width, description.film.height) = (w, h);
+    }
+    if let Some(choice) = a.light_choice {
+        description.light_choice = Some(match choice {
+            LightChoiceName::Power => LightChoice::Power,
+            LightChoiceName::Tree => LightChoice::Tree,
+        });
     }
     let [width, height] = [description.film.width, description.film.height];
     let region = match a.crop {

@@ -3,6 +3,7 @@
 mod common;
 
 use common::*;
+use rebond::emitter::LightChoice;
 use rebond::film::{Film, Image};
 use rebond::render::{Engine, Pass, Region};
 use rebond::sampling::{Sampler, SamplerSettings};
@@ -236,6 +237,21 @@ fn units_do_not_show() {
     for s in [1e-9, 1e-6, 1e-3, 1e3, 1e7, 1e10, 1e13, 1e16] {
         let other = mean(s);
         assert!((other / one - 1.0).abs() < 2e-3, "in units of {s}: {other} for {one}");
+    }
+}
+
+/// Whichever way an emitter is chosen, the picture is the same.
+#[test]
+fn light_choices_agree() {
+    let scenes = ["many-lights", "cornell-spheres", "glossy-spheres", "point-lights", "sky", "veach-mis"];
+    for name in scenes {
+        let one = |choice, seed| {
+            let mut source = small(name, [48, 48]);
+            source.description.light_choice = Some(choice);
+            let sampler = SamplerSettings::Independent {};
+            film(&source, "path:max_depth=6", &Job { sampler, seed, samples: 0..256, ..Job::default() }).develop()
+        };
+        agree(&one(LightChoice::Power, 1), &one(LightChoice::Tree, 2), LEVEL / (3 * scenes.len()) as f64, name);
     }
 }
 

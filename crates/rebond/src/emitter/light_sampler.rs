@@ -1,41 +1,173 @@
 //! Which emitter a point asks for light.
 
+use super::light_tree::LightTree;
 use super::{Emitter, importance};
 use crate::math::Vec3;
 use crate::sampling::Discrete;
-use rebond_lanes::Real;
+use rebond_lanes::{Index, Mask, Real, Record};
+use serde::{Deserialize, Serialize};
 
-/// A choice among the emitters: in proportion to their power, the same from everywhere. A hierarchy that knows where
-/// the receiving point is takes its place behind the same two functions.
-#[derive(Clone, Debug, Default)]
-pub struct LightSampler {
-    by_power: Option<Discrete>,
+/// How an emitter is chosen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LightChoice {
+    /// In proportion to power, the same from everywhere.
+    Power,
+    /// By a hierarchy that knows how near emitters are and which way they shine.
+    Tree,
 }
+
+/// Emitters with a place from which on a hierarchy is used, if nothing else is asked for. Five already gain much (`benches/many_lights`).
+const TREE_FROM: usize = 4;
+
+/// A choice among the emitters.
+#[derive(Clone, Debug, Default)]
+pub struct LightSampler(Choice);
+
+#[derive(Clone, Debug, Default)]
+enum Choice {
+    #[default]
+    Nothing,
+    Power(Discrete),
+    Tree(Box<Apart>),
+}
+
+/// Emitters that have a place, and those that are infinitely far.
+#[derive(Clone, Debug)]
+struct Apart {
+    tree: LightTree,
+    /// [probability of choosing among its like, whether it is in the tree (word), number among the infinite (word), –] of
+    /// each emitter.
+    kinds: Vec<Record>,
+    infinite: Option<Infinite>,
+}
+
+#[derive(Clone, Debug)]
+struct Infinite {
+    by_power: Discrete,
+    /// The probability that one of these is chosen.
+    share: f32,
+    /// The number of each among all emitters (word).
+    numbers: Vec<Record>,
+}
+
+/// The share of infinite emitters, together, beside a tree. In the light of the whole they may be little or almost all; it is
+/// not known how much of that reaches a point.
+const INFINITE_SHARE: [f64; 2] = [0.25, 0.5];
 
 impl LightSampler {
     /// A choice among these; `scene_radius` is what infinite ones shine on. `None` if a power is not finite.
-    pub fn new(emitters: &[Emitter], scene_radius: f32) -> Option<Self> {
+    pub fn new(emitters: &[Emitter], scene_radius: f32, choice: Option<LightChoice>) -> Option<Self> {
         let power: Vec<f64> = emitters.iter().map(|e| importance(e, scene_radius)).collect();
-        let most = power.iter().fold(0.0, |m: f64, p| m.max(*p));
         if !power.iter().all(|p| p.is_finite()) {
             return None;
         }
-        // Relative to the strongest, so that no scale of units overflows.
-        let weights: Vec<f32> = power.iter().map(|p| if most > 0.0 { (p / most) as f32 } else { 0.0 }).collect();
-        Some(Self { by_power: Discrete::new(&weights) })
+        let placed = |e: &Emitter| !matches!(e, Emitter::Directional { .. } | Emitter::Environment { .. });
+        let few = emitters.iter().filter(|e| placed(e)).count() < TREE_FROM;
+        let tree = match choice {
+            Some(LightChoice::Power) => None,
+            None if few => None,
+            _ => LightTree::new(emitters),
+        };
+        let Some(tree) = tree else {
+            return Some(Self(by_power(&power).map_or(Choice::Nothing, Choice::Power)));
+        };
+        let far: Vec<usize> = (0..emitters.len()).filter(|i| !placed(&emitters[*i])).collect();
+        let power_of_far: Vec<f64> = far.iter().map(|i| power[*i]).collect();
+        let infinite = by_power(&power_of_far).map(|by_power| Infinite {
+            by_power,
+            share: (power_of_far.iter().sum::<f64>() / power.iter().sum::<f64>())
+                .clamp(INFINITE_SHARE[0], INFINITE_SHARE[1]) as f32,
+            numbers: far.iter().map(|i| Record::words([*i as u32, 0, 0, 0])).collect(),
+        });
+        let share = infinite.as_ref().map_or(0.0, |i| i.share);
+        let mut kinds: Vec<Record> = power.iter().map(|p| kind(1.0 - share, *p > 0.0, 0)).collect();
+        for (number, i) in far.iter().enumerate() {
+            kinds[*i] = kind(share, false, number as u32);
+        }
+        for (kind, power) in kinds.iter_mut().zip(&power) {
+            if *power == 0.0 {
+                *kind = Record::default();
+            }
+        }
+        Some(Self(Choice::Tree(Box::new(Apart { tree, kinds, infinite }))))
     }
 
-    /// An emitter for the point `p` with normal `n`, and the probability of that choice; `None` in a scene without light.
+    /// An emitter for the point `p` with normal `n` (zero if it has none), and the probability of that choice; `None` in a
+    /// scene without light.
     #[inline(always)]
-    pub fn sample<F: Real>(&self, _p: Vec3<F>, _n: Vec3<F>, u: impl FnOnce() -> F) -> Option<(F::Index, F)> {
-        let by_power = self.by_power.as_ref()?;
-        let u = if by_power.len() == 1 { F::zero() } else { u() };
-        Some(by_power.sample(u))
+    pub fn sample<F: Real>(
+        &self,
+        p: Vec3<F>,
+        n: Vec3<F>,
+        u: impl FnOnce() -> F,
+        mask: F::Mask,
+    ) -> Option<(F::Index, F)> {
+        match &self.0 {
+            Choice::Nothing => None,
+            Choice::Power(by_power) => {
+                let u = if by_power.len() == 1 { F::zero() } else { u() };
+                Some(by_power.sample(u))
+            }
+            Choice::Tree(apart) => Some(apart.sample(p, n, u(), mask)),
+        }
     }
 
     /// The probability with which [`LightSampler::sample`] chooses this emitter.
     #[inline(always)]
-    pub fn probability<F: Real>(&self, _p: Vec3<F>, _n: Vec3<F>, emitter: F::Index) -> F {
-        self.by_power.as_ref().map_or(F::zero(), |d| d.probability(emitter))
+    pub fn probability<F: Real>(&self, p: Vec3<F>, n: Vec3<F>, emitter: F::Index, mask: F::Mask) -> F {
+        match &self.0 {
+            Choice::Nothing => F::zero(),
+            Choice::Power(by_power) => by_power.probability(emitter),
+            Choice::Tree(apart) => apart.probability(p, n, emitter, mask),
+        }
+    }
+
+    /// Bytes of a tree.
+    pub fn bytes(&self) -> usize {
+        match &self.0 {
+            Choice::Tree(apart) => apart.tree.bytes() + apart.kinds.len() * size_of::<Record>(),
+            _ => 0,
+        }
+    }
+}
+
+/// In proportion to power; `None` if there is none. Relative to the strongest, so that no scale of units overflows.
+fn by_power(power: &[f64]) -> Option<Discrete> {
+    let most = power.iter().fold(0.0, |m: f64, p| m.max(*p));
+    let weights: Vec<f32> = power.iter().map(|p| if most > 0.0 { (p / most) as f32 } else { 0.0 }).collect();
+    Discrete::new(&weights)
+}
+
+fn kind(probability: f32, in_tree: bool, number: u32) -> Record {
+    Record([probability, f32::from_bits(in_tree.into()), f32::from_bits(number), 0.0])
+}
+
+impl Apart {
+    // Apart, so that scenes without a tree keep their loops short.
+    #[inline(never)]
+    fn sample<F: Real>(&self, p: Vec3<F>, n: Vec3<F>, u: F, mask: F::Mask) -> (F::Index, F) {
+        let Some(Infinite { by_power, share, numbers }) = &self.infinite else {
+            return self.tree.sample(p, n, u, mask);
+        };
+        let far = u.lt(F::splat(*share));
+        let (number, among) = by_power.sample((u * (1.0 / share)).min(F::splat(1.0 - f32::EPSILON / 2.0)));
+        let (placed, probability) = self.tree.sample(p, n, (u - *share) * (1.0 / (1.0 - share)), mask.and_not(far));
+        let infinite = F::words(numbers, number)[0];
+        (F::Index::select(far, infinite, placed), F::select(far, among * *share, probability * (1.0 - share)))
+    }
+
+    #[inline(never)]
+    fn probability<F: Real>(&self, p: Vec3<F>, n: Vec3<F>, emitter: F::Index, mask: F::Mask) -> F {
+        let [share, in_tree, number, _] = F::record(&self.kinds, emitter);
+        let in_tree = mask & in_tree.to_bits().ne(F::Index::splat(0));
+        let mut among = F::zero();
+        if in_tree.any() {
+            among = self.tree.probability(p, n, emitter, in_tree);
+        }
+        if let Some(infinite) = &self.infinite {
+            among = F::select(in_tree, among, infinite.by_power.probability(number.to_bits()));
+        }
+        among * share
     }
 }

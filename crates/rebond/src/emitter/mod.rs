@@ -6,9 +6,10 @@
 mod blur;
 mod environment;
 mod light_sampler;
+mod light_tree;
 
 pub use environment::{Environment, EnvironmentImage};
-pub use light_sampler::LightSampler;
+pub use light_sampler::{LightChoice, LightSampler};
 
 use crate::math::{Frame, LUMINANCE, Rgb, Vec3};
 use crate::sampling::warp::{uniform_cone, uniform_cone_pdf, uniform_disk, uniform_sphere, uniform_triangle};

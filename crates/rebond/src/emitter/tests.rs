@@ -176,11 +176,17 @@ fn points_and_beams_have_no_density_and_the_right_irradiance() {
 fn the_choice_follows_power() {
     let emitters =
         [rectangle(1.0), Emitter::Point { position: V::ONE, intensity: [0.0; 3] }, sphere(V::ONE, 0.5, false)];
-    let choice = LightSampler::new(&emitters, 1.0).expect("finite powers");
-    let p: Vec<f32> = (0..3).map(|i| choice.probability::<f32>(Vec3::zero(), Vec3::zero(), Index1(i))).collect();
+    let choice = LightSampler::new(&emitters, 1.0, None).expect("finite powers");
+    let p: Vec<f32> = (0..3).map(|i| choice.probability::<f32>(Vec3::zero(), Vec3::zero(), Index1(i), true)).collect();
     assert!((p[0] / p[2] - 4.0 / PI).abs() < 1e-5 && p[1] == 0.0);
-    assert!(LightSampler::new(&emitters, f32::INFINITY).is_some(), "only infinite lights shine on the whole scene");
+    assert!(
+        LightSampler::new(&emitters, f32::INFINITY, None).is_some(),
+        "only infinite lights shine on the whole scene"
+    );
     let sky = Emitter::Environment { number: 0, mean: [1.0; 3] };
-    assert!(LightSampler::new(&[sky], f32::INFINITY).is_none() && LightSampler::new(&[sky], 1e30).is_some());
-    assert!(LightSampler::new(&[], 1.0).expect("nothing").sample(Vec3::zero(), Vec3::zero(), || 0.5_f32).is_none());
+    assert!(
+        LightSampler::new(&[sky], f32::INFINITY, None).is_none() && LightSampler::new(&[sky], 1e30, None).is_some()
+    );
+    let nothing = LightSampler::new(&[], 1.0, None).expect("nothing");
+    assert!(nothing.sample(Vec3::zero(), Vec3::zero(), || 0.5_f32, true).is_none());
 }

@@ -189,7 +189,7 @@ impl Direct {
         let (emitter, probability) = match (self.settings.light, &self.by_area) {
             (Some(light), _) => (F::Index::splat(light), F::one()),
             (None, Some(by_area)) => by_area.sample(choice()),
-            (None, None) => scene.light_sampler().sample(surface.p, normal, choice)?,
+            (None, None) => scene.light_sampler().sample(surface.p, normal, choice, mask)?,
         };
         let mut sample = scene.emitters().sample(emitter, surface.p, self.light_sampling, place, mask);
         sample.weight = sample.weight * probability.recip();
@@ -199,11 +199,11 @@ impl Direct {
 
     /// The probability with which [`Direct::sample_light`] asks this emitter.
     #[inline(always)]
-    fn probability<F: Real>(&self, scene: &Scene, p: Vec3<F>, n: Vec3<F>, emitter: F::Index) -> F {
+    fn probability<F: Real>(&self, scene: &Scene, p: Vec3<F>, n: Vec3<F>, emitter: F::Index, mask: F::Mask) -> F {
         match (self.settings.light, &self.by_area) {
             (Some(_), _) => F::one(),
             (None, Some(by_area)) => by_area.probability(emitter),
-            (None, None) => scene.light_sampler().probability(p, n, emitter),
+            (None, None) => scene.light_sampler().probability(p, n, emitter, mask),
         }
     }
 
@@ -291,7 +291,7 @@ impl Direct {
                 let next = bsdf.sample(surface.wo, place, choice, TransportMode::Radiance, mask);
                 for (i, (number, environment)) in surroundings().enumerate() {
                     let (radiance, pdf) = environment.eval(next.w);
-                    let of_light = pdf.0 * self.probability(scene, surface.p, n, F::Index::splat(*number));
+                    let of_light = pdf.0 * self.probability(scene, surface.p, n, F::Index::splat(*number), mask);
                     let light = EmitterSample { wi: next.w, infinite: F::Mask::splat(true), ..EmitterSample::none() };
                     let term = next.weight * radiance;
                     let all = next.pdf.0 / (of_points * of_light + of_directions * next.pdf.0);
@@ -336,7 +336,8 @@ impl Shade for Direct {
             for (number, environment) in &scene.emitters().environments {
                 let emitter = F::Index::splat(*number);
                 let (radiance, pdf) = environment.eval(path.direction());
-                let weight = self.weight(path.pdf, || pdf.0 * self.probability(scene, origin, normal, emitter));
+                let weight =
+                    self.weight(path.pdf, || pdf.0 * self.probability(scene, origin, normal, emitter, escaped));
                 path.add(radiance * weight, escaped & self.counts::<F>(emitter));
             }
         }
@@ -350,7 +351,7 @@ impl Shade for Direct {
             if lit.any() {
                 let weight = self.weight(path.pdf, || {
                     let hit = surface.seen_from(origin);
-                    let probability = self.probability(scene, origin, normal, surface.emitter);
+                    let probability = self.probability(scene, origin, normal, surface.emitter, lit);
                     scene.emitters().pdf(&hit, self.light_sampling, lit).0 * probability
                 });
                 path.add(emission * weight, lit);

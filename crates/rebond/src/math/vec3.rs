@@ -84,6 +84,11 @@ impl<F: Real> Vec3<F> {
     pub fn select(mask: F::Mask, a: Self, b: Self) -> Self {
         vec3(F::select(mask, a.x, b.x), F::select(mask, a.y, b.y), F::select(mask, a.z, b.z))
     }
+    /// Each coordinate's value of f.
+    #[inline(always)]
+    pub fn map(self, f: impl Fn(F) -> F) -> Self {
+        vec3(f(self.x), f(self.y), f(self.z))
+    }
     /// The largest magnitude of the coordinates.
     #[inline(always)]
     pub fn max_abs(self) -> F {

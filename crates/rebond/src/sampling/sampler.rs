@@ -51,7 +51,7 @@ pub struct Stream<F: Real> {
 
 /// A good mixer of 32 bits (Wellons' `lowbias32`).
 #[inline(always)]
-fn mix<I: Index>(x: I) -> I {
+pub(crate) fn mix<I: Index>(x: I) -> I {
     let x = (x ^ (x >> 16)) * I::splat(0x7feb_352d);
     let x = (x ^ (x >> 15)) * I::splat(0x846c_a68b);
     x ^ (x >> 16)

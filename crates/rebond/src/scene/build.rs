@@ -1103,16 +1103,17 @@ impl<'a> Builder<'a> {
         if !self.features.normals {
             self.normals = Vec::new();
         }
-        let light_sampler = LightSampler::new(&self.emitters, radius).ok_or_else(|| {
-            BuildError::new("emitters", "the power of a light is not a finite number")
-                .help("is a light or the scene too large?")
-        })?;
+        let light_sampler =
+            LightSampler::new(&self.emitters, radius, self.description.light_choice).ok_or_else(|| {
+                BuildError::new("emitters", "the power of a light is not a finite number")
+                    .help("is a light or the scene too large?")
+            })?;
         let emitters = Emitters::new(&self.emitters, self.environments);
         let tables = [&primitives, &self.vertices, &self.normals, &self.shapes, &self.analytic, &self.materials];
         let bytes = tables.iter().map(|t| t.len() * size_of::<Record>()).sum::<usize>() + self.textures.bytes();
         let bytes = bytes + self.measured.bytes();
         let bytes = bytes + emitters.environments.iter().map(|(_, e)| e.bytes()).sum::<usize>();
-        statistics.table_bytes = bytes as u64;
+        statistics.table_bytes = (bytes + light_sampler.bytes()) as u64;
         statistics.warnings = self.warnings;
         Ok(Scene {
             accel,

@@ -5,6 +5,7 @@
 //! [`MaterialDescription`] is written as a table with a `type` key. Lengths are metres, angles degrees, colours linear
 //! Rec. 709; [`Color`] may be one number, for grey.
 
+use crate::emitter::LightChoice;
 use crate::film::FilterSettings;
 use crate::integrators::IntegratorSettings;
 use crate::sampling::SamplerSettings;
@@ -26,6 +27,8 @@ pub struct SceneDescription {
     pub film: FilmDescription,
     /// Sample values.
     pub sampler: SamplerSettings,
+    /// How an emitter is chosen to light a point; by power if there are few, else by a tree, if not given.
+    pub light_choice: Option<LightChoice>,
     /// The algorithm to use unless another is asked for.
     pub integrator: IntegratorSettings,
     /// Materials by name.

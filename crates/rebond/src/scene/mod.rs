@@ -244,7 +244,7 @@ impl Scene {
         mask: F::Mask,
     ) -> F {
         self.emitters.pdf(&surface.seen_from(p), sampling, mask).0
-            * self.light_sampler.probability(p, n, surface.emitter)
+            * self.light_sampler.probability(p, n, surface.emitter, mask)
     }
 
     /// Light for a point `p` with normal `n`: from one emitter, chosen by `choice`, weighed for all; its `pdf` is that
@@ -259,7 +259,7 @@ impl Scene {
         u: [F; 2],
         mask: F::Mask,
     ) -> Option<EmitterSample<F>> {
-        let (emitter, probability) = self.light_sampler.sample(p, n, choice)?;
+        let (emitter, probability) = self.light_sampler.sample(p, n, choice, mask)?;
         let mut sample = self.emitters.sample(emitter, p, sampling, u, mask);
         sample.weight = sample.weight * probability.recip();
         sample.pdf.0 *= probability;
@@ -271,7 +271,8 @@ impl Scene {
     #[inline(always)]
     pub fn surroundings<F: Real>(&self, p: Vec3<F>, n: Vec3<F>, w: Vec3<F>) -> impl Iterator<Item = (Rgb<F>, F)> {
         self.emitters.environments.iter().map(move |(number, environment)| {
-            let probability = self.light_sampler.probability(p, n, F::Index::splat(*number));
+            let mask = F::Mask::splat(true);
+            let probability = self.light_sampler.probability(p, n, F::Index::splat(*number), mask);
             let (radiance, pdf) = environment.eval(w);
             (radiance, pdf.0 * probability)
         })
