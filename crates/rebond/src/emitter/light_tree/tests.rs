@@ -1,7 +1,7 @@
 //! The choice is what it says it is, and the bounds hold.
 
 use super::*;
-use crate::emitter::{Emitters, LightChoice, LightSampler};
+use crate::emitter::{Emitters, LightChoice, LightSampler, LightSampling};
 use crate::math::Frame;
 use crate::sampling::warp::uniform_sphere;
 use crate::sampling::{Sampler, SamplerSettings, Stream};
@@ -205,7 +205,7 @@ fn bounds_hold() {
             let d2 = (near * far).max(half.length_squared() / 3.0);
             let cosines = receiver.importance(place, cone) * d2 / all.intensity;
             for (i, e) in (0..).zip(&emitters) {
-                let s = table.sample(Index1(i), lanes(p), values.pair(), true);
+                let s = table.sample(Index1(i), lanes(p), LightSampling::Area, values.pair(), true);
                 if s.weight.g == 0.0 {
                     continue;
                 }
