@@ -42,8 +42,8 @@ pub fn integrators(a: &JsonFlag) -> Result<(), Failure> {
         return answer(&Value::from(INTEGRATORS.iter().map(one).collect::<Vec<_>>()).to_string());
     }
     for i in INTEGRATORS {
-        answer(&format!("{:<12} {}", i.name, i.summary))?;
-        i.settings.iter().try_for_each(|(name, what)| answer(&format!("  {name:<10} {what}")))?;
+        answer(&format!("{:<17} {}", i.name, i.summary))?;
+        i.settings.iter().try_for_each(|(name, what)| answer(&format!("  {name:<15} {what}")))?;
     }
     Ok(())
 }

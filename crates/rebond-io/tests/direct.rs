@@ -118,7 +118,7 @@ fn samplings_agree() {
     for (name, source, side, samples) in [
         ("rough veach-mis", parse(&rough), 16, 16384),
         ("sky", small("sky", [1, 1]), 16, 16384),
-        ("many-lights", small("many-lights", [1, 1]), 48, 1024),
+        ("many-lights", small("many-lights", [1, 1]), 16, 16384),
         ("cornell-spheres", small("cornell-spheres", [1, 1]), 48, 256),
         ("point-lights", small("point-lights", [1, 1]), 48, 256),
     ] {
