@@ -164,7 +164,7 @@ fn engines_agree_on_every_scene() {
                 .develop()
         };
         let (a, b_) = (one(Engine::Scalar, 1), one(Engine::Wavefront, 2));
-        agree(&a, &b_, LEVEL / 24.0, b.name);
+        agree(&a, &b_, LEVEL / (3 * BUILT_IN_SCENES.len()) as f64, b.name);
     }
 }
 

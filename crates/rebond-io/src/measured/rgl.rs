@@ -122,8 +122,9 @@ pub(super) fn read(bytes: &[u8]) -> Result<AdaptiveTable, String> {
     } else {
         let spectra = field("spectra", F32, 5).map_err(|e| format!("{e}; nor has it a field `rgb`"))?;
         let wavelengths = list("wavelengths")?;
-        if wavelengths.is_empty() || !wavelengths.windows(2).all(|w| w[0] < w[1]) {
-            return Err("the wavelengths do not grow from one to the next".into());
+        let finite = wavelengths.iter().all(|w| w.is_finite());
+        if wavelengths.is_empty() || !finite || !wavelengths.windows(2).all(|w| w[0] < w[1]) {
+            return Err("the wavelengths are not finite numbers that grow from one to the next".into());
         }
         (spectra, "spectra", spectrum::weights(&wavelengths))
     };
@@ -136,8 +137,9 @@ pub(super) fn read(bytes: &[u8]) -> Result<AdaptiveTable, String> {
     if let Some(i) = numbers.iter().position(|x| !x.is_finite()) {
         return Err(format!("value {i} of `{name}` is {}; values are finite", numbers[i]));
     }
-    let cells = rows * columns;
-    let color = numbers.chunks((channels * cells).max(1)).flat_map(|grid| {
+    let too_large = || format!("its field `{name}` has the shape {:?}", colors.shape);
+    let cells = rows.checked_mul(columns).ok_or_else(too_large)?;
+    let color = numbers.chunks(channels.checked_mul(cells).ok_or_else(too_large)?.max(1)).flat_map(|grid| {
         let weights = &weights;
         (0..cells).map(move |cell| {
             let channel =

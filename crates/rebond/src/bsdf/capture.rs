@@ -107,8 +107,9 @@ pub fn capture(material: &Material, settings: &CaptureSettings) -> Result<AngleT
         let l = i % turns_o;
         let k = i / turns_o % tilts_o;
         let j = i / turns_o / tilts_o % turns_i;
-        let of_light = Place { tilt: i / turns_o / tilts_o / turns_i, tilts: tilts_i, turn: j, turns: turns_i };
-        let of_viewer = Place { tilt: k, tilts: tilts_o, turn: l, turns: turns_o };
+        let of_light =
+            Place { tilt: i / turns_o / tilts_o / turns_i, tilts: tilts_i, turn: j, turns: turns_i, everywhere: false };
+        let of_viewer = Place { tilt: k, tilts: tilts_o, turn: l, turns: turns_o, everywhere: true };
         let f = |light: Vec3<f32>, viewer: Vec3<f32>| material.eval(viewer, light, TransportMode::Radiance).0;
         let mut mean = if samples == 0 { f(of_light.direction(), of_viewer.direction()) } else { [0.0; 3] };
         let pair =
@@ -134,6 +135,8 @@ struct Place {
     tilts: u32,
     turn: u32,
     turns: u32,
+    /// Whether a single turn stands for all azimuths, and not for itself.
+    everywhere: bool,
 }
 
 impl Place {
@@ -149,7 +152,7 @@ impl Place {
         let (from, to) = (cos(f64::from(self.tilt) - 0.5), if last { 0.0 } else { cos(f64::from(self.tilt) + 0.5) });
         let theta = (from + (to - from) * f64::from(u[0])).acos();
         // The one φi of an isotropic material stands for itself.
-        let offset = if self.turns == 1 { 0.0 } else { f64::from(u[1]) - 0.5 };
+        let offset = if self.turns == 1 && !self.everywhere { 0.0 } else { f64::from(u[1]) - 0.5 };
         let phi = TAU * (f64::from(self.turn) + offset) / f64::from(self.turns);
         Angles { theta: theta.to_degrees(), phi: phi.to_degrees() }.direction()
     }
@@ -180,6 +183,10 @@ pub fn error(material: &Material, table: &AngleTable, directions: u32, seed: u64
                 continue;
             }
             let ((f, p), (t, q)) = (material.eval(a, b, mode), captured.eval(a, b, mode));
+            // Where a density is said to be 0, its own samples do not count: the others' reach there as well.
+            if [p, q, 1.0][n % 3] <= 0.0 {
+                continue;
+            }
             let density = f64::from(p + q + cosine_hemisphere_pdf(b).0);
             let weight = f64::from(b.z) / density / f64::from(SAMPLES);
             for c in 0..3 {

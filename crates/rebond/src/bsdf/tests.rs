@@ -1,8 +1,8 @@
 //! Every model: χ² of its sampler against its density, weight = f·cos/pdf, reciprocity, energy, both widths.
 
-use super::check::{Angles, Effort, LARGEST_DISAGREEMENT, Material, sampling_directions, sidak};
+use super::check::{self, Angles, Effort, LARGEST_DISAGREEMENT, Material, sampling_directions, sidak};
 use super::*;
-use crate::math::vec3;
+use crate::math::{Moments, vec3};
 use crate::testing::{SIGNIFICANCE, random_pairs, t_test_p_value};
 use rebond_lanes::{F32x16, scalar::Index1};
 
@@ -270,6 +270,19 @@ fn rough_surfaces_tend_to_smooth_ones() {
     let exact = fresnel::conductor(0.8_f32, Rgb::splat([0.143, 0.375, 1.442]), Rgb::splat([3.983, 2.386, 1.603])).g;
     let mean = gold.iter().sum::<f64>() / gold.len() as f64;
     assert!((mean - f64::from(exact)).abs() < 1e-3, "{mean} against {exact}");
+    // Power is what neither side of glass loses: all of it leaves, and Fresnel's part is reflected.
+    let glass = material(Model::RoughDielectric, [1.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.002, 0.002, 0.0], [1.0; 3]);
+    let mut reflected = Moments::default();
+    let mut total = Moments::default();
+    for u in check::numbers(3, 60_000) {
+        let s = glass.sample(up, u.value(4), u.pair(1), u.value(3), TransportMode::Importance);
+        let weight = f64::from(s.weight.g);
+        total.add(weight);
+        reflected.add(if s.w.z > 0.0 { weight } else { 0.0 });
+    }
+    let exact = f64::from(fresnel::dielectric(0.8_f32, 1.5).0);
+    assert!((total.mean() - 1.0).abs() < 1e-3, "{total:?}");
+    assert!((reflected.mean() - exact).abs() < 1e-3 + 5.0 * reflected.standard_error(), "{reflected:?} for {exact}");
 }
 
 #[test]

@@ -266,17 +266,21 @@ impl Direct {
 
         let mut chosen = EmitterSample::none();
         let (mut sum, mut colour) = (F::zero(), Rgb::black());
-        // Keeps each candidate with probability weight/Σweights so far.
+        // Keeps each candidate with probability weight/Σweights so far. What is left of `keep` within its share is
+        // returned, to decide once more.
         let mut offer = |light: EmitterSample<F>, value: Rgb<F>, weight: F, keep: F| {
             let weight = F::select(weight.gt(F::zero()), weight, F::zero());
             sum += weight;
-            let kept = mask & (keep * sum).lt(weight);
+            let at = keep * sum;
+            let kept = mask & at.lt(weight);
             chosen = EmitterSample::select(kept, light, chosen);
             colour = Rgb::select(kept, value * value.luminance().recip(), colour);
+            let rest = F::select(kept, at / weight, (at - weight) / (sum - weight));
+            F::select(rest.is_finite(), rest, keep)
         };
         for k in 0..total {
             let at = CANDIDATES + k * PER_CANDIDATE;
-            let (choice, place, keep) = (|| u.value(at + CHOICE), u.pair(at + PLACE), u.value(at + KEEP));
+            let (choice, place, mut keep) = (|| u.value(at + CHOICE), u.pair(at + PLACE), u.value(at + KEEP));
             if k < points {
                 let light = self.sample_light(scene, surface, n, choice, place, mask)?;
                 let value = bsdf.eval(surface.wo, light.wi, TransportMode::Radiance, mask);
@@ -289,15 +293,13 @@ impl Direct {
                 offer(light, term, term.luminance() * all, keep);
             } else {
                 let next = bsdf.sample(surface.wo, place, choice, TransportMode::Radiance, mask);
-                for (i, (number, environment)) in surroundings().enumerate() {
+                for (number, environment) in surroundings() {
                     let (radiance, pdf) = environment.eval(next.w);
                     let of_light = pdf.0 * self.probability(scene, surface.p, n, F::Index::splat(*number), mask);
                     let light = EmitterSample { wi: next.w, infinite: F::Mask::splat(true), ..EmitterSample::none() };
                     let term = next.weight * radiance;
                     let all = next.pdf.0 / (of_points * of_light + of_directions * next.pdf.0);
-                    // One number serves all surroundings: a part of it is as good as new.
-                    let keep = keep + (i as f32 * 0.618_034);
-                    offer(light, term, term.luminance() * all, keep - keep.floor());
+                    keep = offer(light, term, term.luminance() * all, keep);
                 }
             }
         }

@@ -42,12 +42,15 @@ impl HalfDifferenceTable {
         }
         let measured: Vec<bool> = values.iter().map(|v| v.iter().all(|x| *x >= 0.0)).collect();
         let [_, rows, columns] = size.map(|n| n as usize);
-        for (i, known) in measured.iter().enumerate() {
-            if !known {
-                let (slice, row) = (i / (rows * columns) * rows, i / columns % rows);
-                let at = |r: usize| (slice + r) * columns + i % columns;
-                let mut nearest = (0..row).rev().chain(row + 1..rows).map(at);
-                values[i] = nearest.find(|j| measured[*j]).map_or([0.0; 3], |j| values[j]);
+        for first in (0..size[0] as usize).flat_map(|slice| (0..columns).map(move |c| slice * rows * columns + c)) {
+            let column = || (0..rows).map(move |row| first + row * columns);
+            let mut nearest = column().find(|i| measured[*i]).map_or([0.0; 3], |i| values[i]);
+            for i in column() {
+                if measured[i] {
+                    nearest = values[i];
+                } else {
+                    values[i] = nearest;
+                }
             }
         }
         Ok(Self { size, missing: measured.iter().filter(|known| !**known).count(), values })
