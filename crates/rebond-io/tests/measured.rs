@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use rebond::bsdf::TransportMode;
 use rebond::bsdf::capture::{CaptureError, CaptureSettings, capture, error};
 use rebond::bsdf::check::{Angles, Effort, LARGEST_DISAGREEMENT, Material, sampling_directions};
-use rebond::bsdf::measured::Measured;
+use rebond::bsdf::measured::{AdaptiveTable, Grid2, Measured};
 use rebond::film::Film;
 use rebond::integrators::IntegratorSettings;
 use rebond::render::{Budget, Engine, Region, render};
@@ -578,6 +578,47 @@ fn bad_files_are_refused_with_a_reason() {
     assert!(message(&swap("version=1;", "version=7;"), "x.safetensors").contains("version=7"));
     assert!(message(&swap("\"f_r\"", "\"brr\""), "x.safetensors").contains("`f_r`"));
     assert!(message(&swap("[2,1,3,4,3]", "[2,1,3,2,6]"), "x.safetensors").contains("[2, 1, 3, 2, 6]"));
+}
+
+/// What chance would not hit upon.
+#[test]
+fn hostile_files_end_in_words_and_soon() {
+    for wavelengths in [vec![f64::NAN], vec![400.0, f64::INFINITY], vec![500.0, 400.0]] {
+        let spectra = Some(wavelengths);
+        let file = Rgl { alpha: [0.4; 2], theta: vec![0.0, 1.0], phi: vec![0.0], jacobian: true, spectra };
+        assert!(message(&write_rgl(&file), "x.bsdf").contains("wavelengths"));
+    }
+    // No angles, so that sides whose product is beyond all numbers hold nothing.
+    let none = |shape: &[usize]| Field::Floats(shape.to_vec(), Vec::new());
+    let one = || Field::Floats(vec![1, 1], vec![1.0]);
+    let fields = [
+        ("theta_i", none(&[0])),
+        ("phi_i", none(&[0])),
+        ("ndf", one()),
+        ("sigma", one()),
+        ("vndf", none(&[0, 0, 2, 2])),
+        ("jacobian", Field::Bytes(vec![1])),
+        ("rgb", none(&[0, 0, 3, 1 << 40, 1 << 40])),
+    ];
+    assert!(message(&write_tensors(&fields), "x.bsdf").contains("`rgb`"));
+    let grid = |values: &[f32], x: u32| Grid2 { size: [x, x], values: values.to_vec() };
+    let color = Grid2 { size: [1, 1], values: vec![[0.5; 3]] };
+    let sigma = |s| {
+        AdaptiveTable::new(
+            vec![0.0],
+            vec![0.0],
+            grid(&[1.0], 1),
+            grid(&[s], 1),
+            grid(&[1.0; 4], 2),
+            color.clone(),
+            true,
+        )
+    };
+    assert!(sigma(1.0).is_ok());
+    assert_eq!(sigma(0.0).expect_err("no area"), "sigma is 0 everywhere");
+    // A column of nothing but missing values is filled in one pass.
+    let empty = write_merl([1, 300_000, 1], |_, _, _| [-1.0; 3]);
+    assert!(read_measured(&empty, "x.binary").is_ok());
 }
 
 proptest! {

@@ -96,6 +96,9 @@ impl AdaptiveTable {
         check_values("sigma", &area.values)?;
         check_values("vndf", &visible.values)?;
         check_values("the colours", color.values.as_flattened())?;
+        if jacobian && area.values.iter().all(|v| *v == 0.0) {
+            return Err("sigma is 0 everywhere".into());
+        }
         let cells = visible.values.chunks((visible.size[0] * visible.size[1]) as usize);
         if let Some(grid) = cells.enumerate().find_map(|(i, c)| c.iter().all(|v| *v == 0.0).then_some(i)) {
             return Err(format!("vndf is 0 everywhere in grid {grid}"));
