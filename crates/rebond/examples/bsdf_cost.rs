@@ -6,6 +6,7 @@
 //! turns; it includes reading the directions and adding up what comes out.
 #![allow(clippy::print_stdout, missing_docs)]
 
+use rebond::bsdf::measured::{AdaptiveTable, AngleTable, Grid2, HalfDifferenceTable, Measured, Tables};
 use rebond::bsdf::{Bsdf, Lobe, Model, PARAMETERS, TransportMode};
 use rebond::math::{Frame, Rgb, Vec3, vec3};
 use rebond::sampling::{Sampler, SamplerSettings, warp};
@@ -19,7 +20,9 @@ const CALLS: usize = 256;
 const REPEATS: usize = 16;
 
 /// A name, a model and its parameters, each as the model says which it reads.
-fn models() -> Vec<(&'static str, Model, [f32; PARAMETERS])> {
+type Row = (&'static str, Model, [f32; PARAMETERS]);
+
+fn models() -> Vec<Row> {
     let p = |first: &[f32], alpha: f32| {
         let mut p = [0.0; PARAMETERS];
         p[..first.len()].copy_from_slice(first);
@@ -50,6 +53,33 @@ fn models() -> Vec<(&'static str, Model, [f32; PARAMETERS])> {
     ]
 }
 
+/// Tables of the sizes that measured materials have, and their models: the lecture's, MERL's and RGL's (isotropic). What
+/// they hold is smooth and makes no difference.
+fn measured() -> (Tables, Vec<Row>) {
+    let values = |n: u32| (0..n).map(|i| [0.1 + 0.05 * (i as f32 * 0.01).sin(); 3]).collect::<Vec<_>>();
+    let grid = |x: u32, y: u32, n: u32| Grid2 { size: [x, y], values: vec![1.0; (x * y * n) as usize] };
+    let theta: Vec<f32> = (0..8).map(|i| 0.2 * i as f32).collect();
+    let color = Grid2 { size: [32, 32], values: values(8 * 32 * 32) };
+    let rgl =
+        AdaptiveTable::new(theta, vec![0.0], grid(128, 128, 1), grid(128, 128, 1), grid(128, 128, 8), color, true);
+    let sizes = [[90, 1, 90, 180], [24, 48, 24, 48]];
+    let [isotropic, anisotropic] = sizes.map(|s| AngleTable::new(s, values(s.iter().product())).expect("a table"));
+    let merl = HalfDifferenceTable::new([90, 90, 180], values(90 * 90 * 180)).expect("a table");
+    let all = [
+        ("measured, table", Measured::Angles(isotropic)),
+        ("measured, anisotropic", Measured::Angles(anisotropic)),
+        ("measured, MERL", Measured::HalfDifference(merl)),
+        ("measured, RGL", Measured::Adaptive(rgl.expect("a table"))),
+    ];
+    let mut tables = Tables::default();
+    let rows = all.map(|(name, table)| {
+        let mut p = [0.0; PARAMETERS];
+        p[0] = f32::from_bits(tables.add(&table).expect("room"));
+        (name, table.model(), p)
+    });
+    (tables, rows.to_vec())
+}
+
 /// Directions above the surface, and numbers to sample with.
 struct Inputs<F: Real> {
     known: Vec<Vec3<F>>,
@@ -73,12 +103,12 @@ impl<F: Real> Inputs<F> {
     }
 }
 
-fn bsdf<F: Real>(model: Model, p: [f32; PARAMETERS]) -> Bsdf<'static, F> {
+fn bsdf<F: Real>(model: Model, p: [f32; PARAMETERS], tables: &Tables) -> Bsdf<'_, F> {
     let (zero, one) = (F::zero(), F::one());
     let frame = Frame { s: vec3(one, zero, zero), t: vec3(zero, one, zero), n: vec3(zero, zero, one) };
     let lobe = Lobe { color: Rgb::splat([0.8, 0.7, 0.6]), p: p.map(F::splat) };
     let number = model as u32;
-    Bsdf::new(F::Index::splat(number), 1 << number, lobe, frame, frame.n, F::Mask::splat(true))
+    Bsdf::new(F::Index::splat(number), 1 << number, lobe, frame, frame.n, F::Mask::splat(true)).with_tables(tables)
 }
 
 /// Nanoseconds per number of evaluating and of sampling.
@@ -108,13 +138,15 @@ fn time<F: Real>(bsdf: &Bsdf<F>, inputs: &Inputs<F>) -> [f64; 2] {
 fn main() {
     let wanted: Vec<String> = std::env::args().skip(1).collect();
     let (one, sixteen) = (Inputs::<f32>::new(), Inputs::<F32x16>::new());
+    let (tables, measured) = measured();
     let mut models = models();
+    models.extend(measured);
     models.retain(|(name, ..)| wanted.is_empty() || wanted.iter().any(|w| name.starts_with(w.as_str())));
     let mut least = vec![[f64::INFINITY; 4]; models.len()];
     for _ in 0..ROUNDS {
         for ((_, model, p), least) in models.iter().zip(&mut least) {
-            let [a, b] = time(&bsdf::<f32>(*model, *p), &one);
-            let [c, d] = time(&bsdf::<F32x16>(*model, *p), &sixteen);
+            let [a, b] = time(&bsdf::<f32>(*model, *p, &tables), &one);
+            let [c, d] = time(&bsdf::<F32x16>(*model, *p, &tables), &sixteen);
             for (least, t) in least.iter_mut().zip([a, b, c, d]) {
                 *least = least.min(t);
             }
