@@ -219,15 +219,15 @@ fn closest_of_each<S: Simd, const PREFETCH: bool, K: Filter>(
     let Some(root) = tree.root() else { return };
     let solid = Solid { instance, filter };
     if PREFETCH {
-        let start = |i: usize| (rays.lane(i), single::Nearest::new(root, Best::up_to(tmax[i])));
-        in_turns(lanes, start, |i, (ray, walk), places| {
-            while walk.step::<S, true, K>(places, tree, ray, instance, filter, &solid) {
+        let start = |i: usize| (rays.lane(i), single::Nearest::new(root, tmax[i]), Best::up_to(tmax[i]));
+        in_turns(lanes, start, |i, (ray, walk, best), places| {
+            while walk.step::<S, true, K>(places, tree, ray, instance, filter, &solid, best) {
                 if walk.current.is_leaf() {
                     single::prefetch(tree, walk.current);
                     return true;
                 }
             }
-            hits.set(i, &walk.best);
+            hits.set(i, best);
             false
         });
     } else {

@@ -90,9 +90,9 @@ pub(crate) fn prefetch(tree: &Tree, child: Child) {
     }
 }
 
-/// A ray on its way to its nearest hit: where it is and what it left to visit.
+/// A ray on its way to its nearest hit: where it is and what it left to visit. What it found stands apart: others write to
+/// it, and what stood beside it could not stay in registers.
 pub(crate) struct Nearest {
-    pub best: Best,
     limit: f32,
     pub current: Child,
     len: usize,
@@ -100,12 +100,13 @@ pub(crate) struct Nearest {
 
 impl Nearest {
     #[inline(always)]
-    pub fn new(start: Child, best: Best) -> Self {
-        Self { best, limit: best.t * ONE_PLUS, current: start, len: 0 }
+    pub fn new(start: Child, tmax: f32) -> Self {
+        Self { limit: tmax * ONE_PLUS, current: start, len: 0 }
     }
 
     /// Visits `current` and goes on to the next; false if there is none.
     #[inline(always)]
+    #[allow(clippy::too_many_arguments)]
     pub fn step<S: Simd, const PREFETCH: bool, K: Filter>(
         &mut self,
         places: &mut Places<u64>,
@@ -114,6 +115,7 @@ impl Nearest {
         instance: u32,
         filter: &K,
         shapes: &impl Shapes,
+        best: &mut Best,
     ) -> bool {
         match self.current.target() {
             Target::Node(index) => {
@@ -186,13 +188,13 @@ impl Nearest {
                 for i in first..first + count {
                     // SAFETY: `Tree::new` has checked every child.
                     let block = unsafe { tree.blocks().get_unchecked(i as usize) };
-                    block.closest::<S>(ray, instance, filter, &mut self.best);
+                    block.closest::<S>(ray, instance, filter, best);
                 }
-                self.limit = self.best.t * ONE_PLUS;
+                self.limit = best.t * ONE_PLUS;
             }
             Target::Shape(index) => {
-                shapes.closest(&tree.shapes()[index as usize], ray, &mut self.best);
-                self.limit = self.best.t * ONE_PLUS;
+                shapes.closest(&tree.shapes()[index as usize], ray, best);
+                self.limit = best.t * ONE_PLUS;
             }
         }
         loop {
@@ -222,9 +224,8 @@ pub(crate) fn closest<S: Simd, const PREFETCH: bool, K: Filter>(
     best: &mut Best,
 ) {
     let mut places = no_places();
-    let mut walk = Nearest::new(start, *best);
-    while walk.step::<S, PREFETCH, K>(&mut places, tree, ray, instance, filter, shapes) {}
-    *best = walk.best;
+    let mut walk = Nearest::new(start, best.t);
+    while walk.step::<S, PREFETCH, K>(&mut places, tree, ray, instance, filter, shapes, best) {}
 }
 
 /// A ray on its way to any hit.
