@@ -15,16 +15,20 @@ import argparse
 import datetime
 import json
 import os
-import platform
 import resource
 import statistics
 import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
 import numpy as np
 
 HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent))
+
+from machine import commit, machine  # noqa: E402
+
 CHOICES = ("power", "tree")
 TRIMMED = 0.001
 
@@ -93,7 +97,7 @@ def main():
     if args.save:
         today = datetime.date.today().isoformat()
         settings = {k: v for k, v in vars(args).items() if k not in ("rebond", "scenes", "save")}
-        report = {"date": today, "machine": platform.machine(), "cpus": os.cpu_count(), "settings": settings}
+        report = {"date": today, "machine": machine(), "commit": commit(), "settings": settings}
         (HERE / "results").mkdir(exist_ok=True)
         (HERE / "results" / f"{today}.json").write_text(json.dumps({**report, "results": results}, indent=1) + "\n")
 

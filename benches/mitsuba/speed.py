@@ -17,7 +17,6 @@ import datetime
 import hashlib
 import json
 import os
-import platform
 import resource
 import statistics
 import subprocess
@@ -30,6 +29,10 @@ import numpy as np
 
 import rebond
 from scene import HERE, comparable, dump, load, read, size
+
+sys.path.insert(0, str(HERE.parent))
+
+from machine import machine  # noqa: E402
 
 CACHE = HERE / ".cache"
 VARIANTS = ("llvm_ad_rgb", "scalar_rgb")
@@ -243,15 +246,6 @@ def with_mesh(path):
     dragon["file"] = str(Path(path).resolve())
     dragon["to_world"] = [{"scale": float(scale)}, {"translate": [float(x) for x in move]}]
     return scene
-
-
-def machine():
-    model = platform.processor()
-    if Path("/proc/cpuinfo").is_file():
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        model = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), model)
-    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return {"cpu": model, "cpus": available, "load_average": os.getloadavg()[0]}
 
 
 def main():

@@ -8,13 +8,15 @@ program: `--scene NAME`, `--repeat N`, `--side PIXELS`, `--curve`, `--ours`, `--
 
 import datetime
 import pathlib
-import platform
 import subprocess
 import sys
 import venv
 
 HERE = pathlib.Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
+sys.path.insert(0, str(HERE.parent))
+
+from machine import commit, processor  # noqa: E402
 ENVIRONMENT = ROOT / "target" / "embree"
 
 
@@ -29,20 +31,11 @@ def embree() -> pathlib.Path:
     return found[0]
 
 
-def processor() -> str:
-    """Its name, as far as the system says."""
-    for line in pathlib.Path("/proc/cpuinfo").read_text().splitlines():
-        if line.startswith("model name"):
-            return line.split(":", 1)[1].strip()
-    return platform.processor()
-
-
 def main() -> None:
     """Builds, runs, shows, saves."""
     command = ["cargo", "run", "--release", "--quiet", "-p", "rebond-bvh", "--example", "ray_kernel", "--"]
     command += ["--embree", str(embree()), *sys.argv[1:]]
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True)
-    heading = f"{datetime.date.today()}, {processor()}, commit {commit.stdout.strip()}, {' '.join(sys.argv[1:])}\n"
+    heading = f"{datetime.date.today()}, {processor()}, commit {commit()}, {' '.join(sys.argv[1:])}\n"
     out = subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True).stdout
     print(heading + out)
     name = datetime.datetime.now().strftime("%Y-%m-%d-%H%M") + ".txt"
