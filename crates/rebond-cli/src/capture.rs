@@ -3,7 +3,7 @@
 use crate::Failure;
 use crate::bsdf::open;
 use crate::capture_plot;
-use crate::output::{answer, bytes, write_bytes, write_text};
+use crate::output::{answer, bytes, check_place, write_bytes, write_text};
 use clap::Args;
 use rebond::bsdf::capture::{CaptureError, CaptureSettings, DirectionError, capture, error, is_isotropic};
 use rebond::bsdf::check::Material;
@@ -110,14 +110,7 @@ fn check_output(path: &Path, extension: &str, force: bool) -> Result<(), Failure
         let help = format!("name a file that ends in .{extension}");
         return Err(Failure::usage(format!("the output \"{shown}\" does not end in .{extension}"), help));
     }
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    if !folder.is_dir() {
-        let message = format!("there is no folder \"{}\" for the output \"{shown}\"", folder.display());
-        return Err(Failure::usage(message, "create it, or name another place"));
-    }
-    if path.is_dir() {
-        return Err(Failure::usage(format!("the output \"{shown}\" is a folder"), "name a file"));
-    }
+    check_place(path)?;
     if path.exists() && !force {
         return Err(Failure::usage(
             format!("the output \"{shown}\" exists"),

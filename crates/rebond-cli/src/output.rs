@@ -32,14 +32,21 @@ pub fn check(paths: &[PathBuf]) -> Result<(), Failure> {
             let error = rebond_io::Error::new("JPEG is only read, never written").with_file(name);
             return Err(error.with_help("valid extensions: exr, hdr, pfm, png").into());
         }
-        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        if !folder.is_dir() {
-            let message = format!("there is no folder \"{}\" for the output \"{}\"", folder.display(), path.display());
-            return Err(Failure::usage(message, "create it, or name another place"));
-        }
-        if path.is_dir() {
-            return Err(Failure::usage(format!("the output \"{}\" is a folder", path.display()), "name a file"));
-        }
+        check_place(path)?;
+    }
+    Ok(())
+}
+
+/// Whether there may be a file of this name.
+pub fn check_place(path: &Path) -> Result<(), Failure> {
+    let shown = path.display();
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if !folder.is_dir() {
+        let message = format!("there is no folder \"{}\" for the output \"{shown}\"", folder.display());
+        return Err(Failure::usage(message, "create it, or name another place"));
+    }
+    if path.is_dir() {
+        return Err(Failure::usage(format!("the output \"{shown}\" is a folder"), "name a file"));
     }
     Ok(())
 }

@@ -124,19 +124,26 @@ fn samples_follow_their_densities() {
             Model::Diffuse => (0..20).map(|i| Angles { theta: 4.4 * f64::from(i), phi: 17.0 * f64::from(i) }).collect(),
             _ => sampling_directions(below),
         };
-        let mut tests = Vec::new();
-        for (name, _, p) in models().into_iter().filter(|(_, m, _)| *m == model) {
+        let of_model = models().into_iter().filter(|(_, m, _)| *m == model);
+        samples_agree(of_model.map(|(name, _, p)| {
             let material = material(model, p, [0.9, 0.8, 0.7]);
-            let found = material.check_sampling(&effort, &directions(material.transmits()));
-            assert_eq!(found.undecided, 0, "{name}");
-            assert!(found.disagreement < LARGEST_DISAGREEMENT, "{name}: {}", found.disagreement);
-            tests.extend(found.tests.into_iter().map(|t| (name, t)));
-        }
-        assert!(tests.len() >= 20, "{model:?}: {} pairs", tests.len());
-        let level = sidak(tests.len());
-        for (name, test) in tests {
-            assert!(test.p > level, "{name}: {test:?} against {level}");
-        }
+            (name, material.check_sampling(&effort, &directions(material.transmits())))
+        }));
+    }
+}
+
+/// Holds what was found about a model to 1 % for all of it together.
+pub(super) fn samples_agree(found: impl Iterator<Item = (&'static str, check::Sampling)>) {
+    let mut tests = Vec::new();
+    for (name, found) in found {
+        assert_eq!(found.undecided, 0, "{name}");
+        assert!(found.disagreement < LARGEST_DISAGREEMENT, "{name}: {}", found.disagreement);
+        tests.extend(found.tests.into_iter().map(|t| (name, t)));
+    }
+    assert!(tests.len() >= 20, "{} pairs", tests.len());
+    let level = sidak(tests.len());
+    for (name, test) in tests {
+        assert!(test.p > level, "{name}: {test:?} against {level}");
     }
 }
 

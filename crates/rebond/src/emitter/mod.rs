@@ -274,6 +274,14 @@ impl<F: Real> EmitterSample<F> {
         }
     }
 
+    /// The sample of an emitter that was asked with this probability, weighed for all.
+    #[inline(always)]
+    pub fn chosen_with(mut self, probability: F) -> Self {
+        self.weight = self.weight * probability.recip();
+        self.pdf.0 *= probability;
+        self
+    }
+
     #[inline(always)]
     pub(crate) fn select(mask: F::Mask, a: Self, b: Self) -> Self {
         Self {

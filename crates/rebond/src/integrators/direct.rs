@@ -28,7 +28,7 @@
 use super::IntegratorError;
 use crate::bsdf::{Bsdf, BsdfSample, TransportMode};
 use crate::emitter::{EmitterSample, LightSampling};
-use crate::math::{Frame, Rgb, Vec3};
+use crate::math::{Frame, Moments, Rgb, Vec3};
 use crate::render::{Bounce, Dimensions, PathState, Shade, ShadowRay};
 use crate::sampling::warp::cosine_hemisphere;
 use crate::sampling::{Discrete, PdfSolidAngle};
@@ -159,9 +159,11 @@ impl Direct {
             return error(format!("candidates = {}", settings.candidates), "1024 are the most");
         }
         let by_area = (settings.sampling == Area).then(|| {
-            let areas: Vec<Option<f32>> = (0..emitters.len() as u32).map(|i| emitters.area(i)).collect();
-            let known: Vec<f32> = areas.iter().copied().flatten().collect();
-            let mean = if known.is_empty() { 1.0 } else { known.iter().sum::<f32>() / known.len() as f32 };
+            // Points and beams count like the mean surface.
+            let areas: Vec<Option<f32>> =
+                (0..emitters.len() as u32).map(|i| emitters.area(i).map(|a| a.min(f32::MAX))).collect();
+            let known: Moments = areas.iter().flatten().map(|a| f64::from(*a)).collect();
+            let mean = if known.count() == 0 { 1.0 } else { known.mean() as f32 };
             Discrete::new(&areas.iter().map(|a| a.unwrap_or(mean)).collect::<Vec<f32>>())
         });
         let light_sampling =
@@ -191,10 +193,7 @@ impl Direct {
             (None, Some(by_area)) => by_area.sample(choice()),
             (None, None) => scene.light_sampler().sample(surface.p, normal, choice, mask)?,
         };
-        let mut sample = scene.emitters().sample(emitter, surface.p, self.light_sampling, place, mask);
-        sample.weight = sample.weight * probability.recip();
-        sample.pdf.0 *= probability;
-        Some(sample)
+        Some(scene.emitters().sample(emitter, surface.p, self.light_sampling, place, mask).chosen_with(probability))
     }
 
     /// The probability with which [`Direct::sample_light`] asks this emitter.

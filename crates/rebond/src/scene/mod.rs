@@ -260,10 +260,7 @@ impl Scene {
         mask: F::Mask,
     ) -> Option<EmitterSample<F>> {
         let (emitter, probability) = self.light_sampler.sample(p, n, choice, mask)?;
-        let mut sample = self.emitters.sample(emitter, p, sampling, u, mask);
-        sample.weight = sample.weight * probability.recip();
-        sample.pdf.0 *= probability;
-        Some(sample)
+        Some(self.emitters.sample(emitter, p, sampling, u, mask).chosen_with(probability))
     }
 
     /// Light of the surroundings along the unit direction `w` as seen from `p`: each one's radiance and the density

@@ -2,7 +2,8 @@
 
 use super::*;
 use crate::bsdf::capture::{CaptureSettings, capture};
-use crate::bsdf::check::{Angles, ChiSquare, Effort, LARGEST_DISAGREEMENT, sampling_directions, sidak};
+use crate::bsdf::check::{Angles, Effort, sampling_directions};
+use crate::bsdf::tests::samples_agree;
 use crate::math::vec3;
 use crate::testing::random_pairs;
 use rebond_lanes::F32x16;
@@ -99,18 +100,12 @@ fn directions() -> impl Iterator<Item = Vec3<f32>> {
 #[test]
 fn samples_follow_their_densities() {
     for model in Model::ALL.into_iter().filter(|m| m.is_measured()) {
-        let mut tests: Vec<(&str, ChiSquare)> = Vec::new();
-        for (name, measured) in tables().into_iter().filter(|(_, m)| m.model() == model) {
+        let of_model = tables().into_iter().filter(|(_, m)| m.model() == model);
+        samples_agree(of_model.map(|(name, measured)| {
             let found = material(&measured).check_sampling(&Effort::default(), &sampling_directions(false));
-            assert!(found.disagreement < LARGEST_DISAGREEMENT, "{name}: {}", found.disagreement);
             assert_eq!(found.tests.is_empty(), name == "black");
-            tests.extend(found.tests.into_iter().map(|t| (name, t)));
-        }
-        assert!(tests.len() >= 20, "{model:?}: {} pairs", tests.len());
-        let level = sidak(tests.len());
-        for (name, test) in tests {
-            assert!(test.p > level, "{name}: {test:?} against {level}");
-        }
+            (name, found)
+        }));
     }
 }
 
