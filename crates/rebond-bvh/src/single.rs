@@ -266,11 +266,20 @@ impl Any {
                 // SAFETY: `Tree::new` has checked every child.
                 let node = unsafe { tree.nodes().get_unchecked(index as usize) };
                 let (mask, _) = node.enter::<S>(ray, S::F8::splat(tmax * ONE_PLUS));
-                let children = S::compress(&node.children.map(|child| child.0), mask);
-                // SAFETY: `Tree::new` has checked that the stack is large enough for all pushes on the way and eight
-                // more.
-                unsafe { places.as_mut_ptr().add(self.len).cast::<[u32; 8]>().write_unaligned(children) };
-                self.len += mask.count_ones() as usize;
+                if mask != 0 {
+                    // The next one is not taken from the stack: what was just written there takes long to come back.
+                    let last = 31 - mask.leading_zeros();
+                    self.current = node.children[last as usize & 7];
+                    let rest = mask ^ 1 << last;
+                    if rest != 0 {
+                        let children = S::compress(&node.children.map(|child| child.0), rest);
+                        // SAFETY: `Tree::new` has checked that the stack is large enough for all pushes on the way and
+                        // eight more.
+                        unsafe { places.as_mut_ptr().add(self.len).cast::<[u32; 8]>().write_unaligned(children) };
+                        self.len += rest.count_ones() as usize;
+                    }
+                    return Step::GoOn;
+                }
             }
             Target::Blocks { first, count } => {
                 for i in first..first + count {
