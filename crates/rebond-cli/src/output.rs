@@ -51,6 +51,22 @@ pub fn check_place(path: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Where layers go that the format of an output cannot hold beside the picture: `box.png` has its layer `caustic` in
+/// `box-caustic.png`. Layers and files.
+pub fn layer_outputs<'a>(paths: &[PathBuf], layers: impl Iterator<Item = &'a str> + Clone) -> Vec<(String, PathBuf)> {
+    let holds_layers = |p: &Path| ImageFormat::of_name(&p.to_string_lossy()).is_ok_and(|f| f == ImageFormat::Exr);
+    let of_path = |path: &PathBuf| {
+        let (stem, extension) = (path.file_stem().unwrap_or_default(), path.extension().unwrap_or_default());
+        let (stem, extension) = (stem.to_string_lossy().into_owned(), extension.to_string_lossy().into_owned());
+        let path = path.clone();
+        layers.clone().map(move |layer| {
+            let safe = layer.replace(|c: char| !c.is_alphanumeric() && !"-_+.".contains(c), "_");
+            (layer.to_string(), path.with_file_name(format!("{stem}-{safe}.{extension}")))
+        })
+    };
+    paths.iter().filter(|p| !holds_layers(p)).flat_map(of_path).collect()
+}
+
 /// Writes an image to each of the files. If one cannot be written the picture is saved in the folder for temporary
 /// files instead, so that no work is lost.
 pub fn write(image: &Image, paths: &[PathBuf], png: &PngOptions) -> Result<(), Failure> {

@@ -1,13 +1,13 @@
 //! `rebond render`.
 
 use crate::Failure;
-use crate::output::{answer, check, note, peak_memory_bytes, write};
+use crate::output::{answer, check, layer_outputs, note, peak_memory_bytes, write};
 use crate::progress::{Progress, catch_interrupt};
 use clap::Args;
 use rebond::emitter::LightChoice;
-use rebond::film::Film;
+use rebond::film::{Film, Image};
 use rebond::integrators::IntegratorSettings;
-use rebond::render::{Budget, Engine, Region, render};
+use rebond::render::{Budget, Engine, PathExpression, PathLayer, Region, render};
 use rebond::sampling::{Sampler, SamplerSettings};
 use rebond_io::{Error, PngOptions, SceneSource, Tonemap, from_settings};
 use std::path::PathBuf;
@@ -35,6 +35,13 @@ pub struct Arguments {
     /// Size of the picture in pixels, in place of the scene's.
     #[arg(long, value_name = "WxH", value_parser = size)]
     size: Option<[u32; 2]>,
+    /// Let more samples go where the estimated error is larger; --error does.
+    #[arg(long)]
+    adaptive: bool,
+    /// Lay light into layers too: `length` (by number of vertices), `class` (emission, direct, caustic, indirect; diffuse,
+    /// glossy, specular) or expressions such as LDE,LS+DE.
+    #[arg(long, value_parser = split)]
+    split: Option<Split>,
     /// Render only this part, in pixels from the top left.
     #[arg(long, value_name = "X,Y,W,H", value_parser = crop)]
     crop: Option<[u32; 4]>,
@@ -84,6 +91,27 @@ enum TonemapName {
     None,
     Reinhard,
     Aces,
+}
+
+/// The layers that light is laid into.
+#[derive(Clone)]
+struct Split(Vec<PathLayer>);
+
+/// Vertices of the longest paths that have a layer of their own.
+const LONGEST: u32 = 10;
+
+fn split(text: &str) -> Result<Split, String> {
+    Ok(Split(match text {
+        "length" => PathLayer::by_length(LONGEST),
+        "class" => PathLayer::by_class(),
+        _ => {
+            let expressions = text.split(',').map(|e| e.trim().parse()).collect::<Result<Vec<PathExpression>, _>>()?;
+            if let Some(twice) = expressions.iter().enumerate().find(|(i, e)| expressions[..*i].contains(e)) {
+                return Err(format!("{} is there twice", twice.1));
+            }
+            PathLayer::by_expressions(&expressions)
+        }
+    }))
 }
 
 fn duration(text: &str) -> Result<Duration, String> {
@@ -167,10 +195,14 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
         false => a.output.clone(),
         true => ["png", "exr"].map(|e| PathBuf::from(format!("{}.{e}", source.name))).to_vec(),
     };
+    let layers = a.split.as_ref().map_or(&[][..], |s| &s.0);
+    let of_layers = layer_outputs(&outputs, layers.iter().map(|l| &*l.name));
     check(&outputs)?;
+    check(&of_layers.iter().map(|(_, path)| path.clone()).collect::<Vec<_>>())?;
     let settings = integrator.unwrap_or_else(|| source.description.integrator.clone());
-    let mut budget = Budget { samples: a.spp, time: a.time, error: a.error };
-    if budget == Budget::default() {
+    let adaptive = a.adaptive || a.error.is_some();
+    let mut budget = Budget { samples: a.spp, time: a.time, error: a.error, adaptive };
+    if (a.spp, a.time, a.error) == (None, None, None) {
         budget.samples = Some(DEFAULT_SAMPLES);
     }
     let threads = a.threads.map_or_else(|| std::thread::available_parallelism().map_or(1, |n| n.get()), usize::from);
@@ -200,9 +232,15 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
         EngineName::Scalar => Engine::Scalar,
     };
     let integrator = settings
-        .integrator(&scene, Sampler::new(sampler, a.seed), engine)
+        .layered_integrator(&scene, Sampler::new(sampler, a.seed), engine, layers)
         .map_err(|e| Failure::usage(e.message, e.help))?;
-    let mut film = Film::try_new(region.width, region.height).ok_or_else(|| {
+    if !a.quiet
+        && let Some(what) = settings.leaves_out()
+    {
+        note(&format!("note: biased: {what}"));
+    }
+    let names: Vec<String> = layers.iter().map(|l| l.name.clone()).collect();
+    let mut film = Film::try_new(region.width, region.height, &names).ok_or_else(|| {
         Failure::Run(format!(
             "not enough memory for a film of {}x{} pixels; render it in parts with --crop",
             region.width, region.height
@@ -220,12 +258,18 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
         TonemapName::Reinhard => Tonemap::Reinhard,
         TonemapName::Aces => Tonemap::Aces,
     };
-    write(&film.develop(), &outputs, &PngOptions { exposure: a.exposure, tonemap })?;
+    let (image, png) = (film.develop(), PngOptions { exposure: a.exposure, tonemap });
+    write(&image, &outputs, &png)?;
+    for (layer, path) in &of_layers {
+        let alone = image.rgb(layer).map(|pixels| Image::from_rgb(image.width, image.height, &pixels));
+        write(&alone.expect("a layer of the film"), std::slice::from_ref(path), &png)?;
+    }
     let dropped = film.dropped_samples();
     if dropped > 0 && !a.quiet {
         note(&format!("warning: {dropped} samples were not finite, or too bright for a film, and count as black"));
     }
-    let names: Vec<String> = outputs.iter().map(|p| p.display().to_string()).collect();
+    let written = outputs.iter().chain(of_layers.iter().map(|(_, path)| path));
+    let names: Vec<String> = written.map(|p| p.display().to_string()).collect();
     if a.json {
         let error = film.relative_error();
         answer(
@@ -236,7 +280,9 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
                 "build_seconds": build_seconds,
                 "render_seconds": statistics.seconds,
                 "samples": statistics.samples,
-                "rays": statistics.rays,
+                "rays": statistics.rays.total(),
+                "rays_by_depth": statistics.rays.by_depth,
+                "shadow_rays": statistics.rays.shadow,
                 "dropped_samples": dropped,
                 "peak_memory_bytes": peak_memory_bytes(),
                 "error": error.is_finite().then_some(error),

@@ -143,7 +143,7 @@ fn crops_are_cut_from_the_whole() {
     let integrator = settings("path").integrator(&scene, sampler, Engine::Wavefront).expect("settings");
     let crop = Region { x: 13, y: 21, width: 17, height: 9, full_width: 50 };
     let cut = Mutex::new(Film::new(17, 9));
-    integrator.add_samples(&cut, &Pass { region: crop, samples: 0..8, threads: 2 }, &());
+    integrator.add_samples(&cut, &Pass { region: crop, samples: 0..8, threads: 2, shares: None }, &());
     let cut = cut.into_inner().expect("no panic");
     let whole = film(&source, "path", &Job { samples: 0..8, ..Job::default() });
     for y in 0..9 {

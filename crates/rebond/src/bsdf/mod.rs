@@ -43,6 +43,30 @@ pub enum TransportMode {
     Importance,
 }
 
+/// What happens to light at a vertex of a path (Heckbert 1990, §2). It hangs on the model and the two directions alone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Event {
+    /// Reflected by a diffuse surface.
+    Diffuse = 0,
+    /// Reflected in any other way.
+    Glossy,
+    /// Reflected into a single direction.
+    Specular,
+    /// Passed on to the other side.
+    Transmitted,
+}
+
+impl Event {
+    /// Every event, in the order of their numbers.
+    pub const ALL: [Event; 4] = [Event::Diffuse, Event::Glossy, Event::Specular, Event::Transmitted];
+
+    /// The letter that stands for it.
+    pub fn symbol(self) -> u8 {
+        b"DGST"[self as usize]
+    }
+}
+
 /// The models.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
@@ -133,6 +157,9 @@ impl Model {
         | 1 << Model::RoughDielectric as u32
         | 1 << Model::ThinDielectric as u32
         | 1 << Model::Principled as u32;
+
+    /// Bit m: model m reflects diffusely.
+    const DIFFUSE: u32 = 1 << Model::Diffuse as u32 | 1 << Model::OrenNayar as u32;
 
     /// Whether all of its light leaves in one or two single directions, which no other sampler can find.
     #[inline(always)]
@@ -260,6 +287,21 @@ impl<F: Real> Bsdf<'_, F> {
     #[inline(always)]
     pub fn may_transmit(&self) -> F::Mask {
         self.is_of(Model::TRANSMITS)
+    }
+
+    /// The number of the [`Event`] that turns light from one direction into the other.
+    #[inline(always)]
+    pub fn event(&self, known: Vec3<F>, other: Vec3<F>) -> F::Index {
+        let number = |event: Event| F::Index::splat(event as u32);
+        let mut event = number(Event::Glossy);
+        for (models, of_these) in [(Model::DIFFUSE, Event::Diffuse), (Model::SPECULAR, Event::Specular)] {
+            event = F::Index::select(self.is_of(models), number(of_these), event);
+        }
+        if self.present & Model::TRANSMITS != 0 {
+            let passes = (self.ng.dot(known) * self.ng.dot(other)).lt(F::zero());
+            event = F::Index::select(passes, number(Event::Transmitted), event);
+        }
+        event
     }
 
     /// Lanes whose model is one of these bits.

@@ -343,6 +343,11 @@ impl Emitters {
         F::record(&self.table, emitter * F::Index::splat(RECORDS) + F::Index::splat(number))
     }
 
+    /// Whether some are points or beams, which no ray meets.
+    pub fn has_unhittable(&self) -> bool {
+        [Kind::Point, Kind::Spot, Kind::Directional].iter().any(|k| self.present >> *k as u32 & 1 == 1)
+    }
+
     /// The area of an emitter; none if it is no surface.
     pub fn area(&self, emitter: u32) -> Option<f32> {
         let at = |n: u32| self.table[(emitter * RECORDS + n) as usize].0[3];

@@ -77,11 +77,13 @@ impl Batch {
     /// Samples that it holds at most.
     pub const CAPACITY: u32 = 32;
 
-    /// Adds one sample. A sample that is not finite counts as black, and is counted.
+    /// Adds one sample, which counts as much as `weight`, a power of two. A sample that is not finite counts as black, and is
+    /// counted.
     #[inline(always)]
-    pub fn add(&mut self, rgb: [f32; 3]) {
+    pub fn add(&mut self, rgb: [f32; 3], weight: f32) {
         debug_assert!(self.samples < Self::CAPACITY);
         self.samples += 1;
+        let rgb = rgb.map(|x| x * weight);
         if !rgb.iter().all(|x| x.abs() < LARGEST_SAMPLE) {
             self.dropped += 1;
             return;
@@ -96,15 +98,25 @@ impl Batch {
 /// What one pixel has received.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Pixel {
+    /// Of samples times their weights, and of the squares of that.
     sum: [i128; 3],
     squares: [i128; 3],
+    /// Of weights in units of 2⁻⁸, and of their squares in units of 2⁻¹⁶.
+    weights: u64,
+    squared_weights: u64,
     samples: u64,
     dropped: u64,
 }
 
+/// Bits of a weight below 1; those above are as many.
+const WEIGHT_BITS: i32 = 8;
+
 impl Pixel {
-    /// Adds a batch of samples.
-    pub fn add(&mut self, batch: &Batch) {
+    /// Adds a batch of samples of this weight, a power of two between 2⁻⁸ and 2⁸.
+    pub fn add(&mut self, batch: &Batch, weight: f32) {
+        let weight = (weight * f32::powi(2.0, WEIGHT_BITS)) as u64;
+        self.weights += u64::from(batch.samples) * weight;
+        self.squared_weights += u64::from(batch.samples) * weight * weight;
         for c in 0..3 {
             self.sum[c] += sum_of_pieces(&batch.values, VALUE_PIECES, c);
             let squares = sum_of_pieces(&batch.squares, SQUARE_PIECES, c);
@@ -120,6 +132,8 @@ impl Pixel {
             self.sum[c] += other.sum[c];
             self.squares[c] = (self.squares[c] + other.squares[c]).min(SQUARES_REACH);
         }
+        self.weights += other.weights;
+        self.squared_weights += other.squared_weights;
         self.samples += other.samples;
         self.dropped += other.dropped;
     }
@@ -131,25 +145,34 @@ impl Pixel {
 
     /// Their mean.
     pub fn mean(&self) -> [f64; 3] {
-        self.sum.map(|s| float(s, VALUE_BITS) / (self.samples.max(1)) as f64)
+        let weights = self.weights.max(1) as f64 * f64::powi(2.0, -WEIGHT_BITS);
+        self.sum.map(|s| float(s, VALUE_BITS) / weights)
+    }
+
+    /// How many samples of equal weight would be as good: (Σw)² / Σw².
+    pub fn effective_samples(&self) -> f64 {
+        let (sum, of_squares) = (self.weights as f64, self.squared_weights as f64);
+        if self.samples == 0 { 0.0 } else { sum * sum / of_squares }
     }
 
     /// The variance of one sample (unbiased); 0 with fewer than two, infinite where the squares are out of reach.
     pub fn variance(&self) -> [f64; 3] {
-        let n = self.samples as f64;
+        let n = self.effective_samples();
+        let squared_weights = self.squared_weights as f64 * f64::powi(2.0, -2 * WEIGHT_BITS);
         let mean = self.mean();
         std::array::from_fn(|c| {
             if self.squares[c] == SQUARES_REACH {
                 return f64::INFINITY;
             }
-            let sum_of_squares = float(self.squares[c], SQUARE_BITS) - n * mean[c] * mean[c];
-            if self.samples < 2 { 0.0 } else { (sum_of_squares / (n - 1.0)).max(0.0) }
+            let spread = float(self.squares[c], SQUARE_BITS) - squared_weights * mean[c] * mean[c];
+            let degrees = squared_weights * (1.0 - 1.0 / n);
+            if self.samples < 2 || degrees <= 0.0 { 0.0 } else { (spread / degrees).max(0.0) }
         })
     }
 
     /// What is known of a channel's expectation.
     pub fn moments(&self, channel: usize) -> Moments {
-        Moments::new(self.samples, self.mean()[channel], self.variance()[channel])
+        Moments::new(self.effective_samples().round() as u64, self.mean()[channel], self.variance()[channel])
     }
 }
 
@@ -159,21 +182,27 @@ pub struct Film {
     width: u32,
     height: u32,
     pixels: Vec<Pixel>,
+    /// Parts of the picture, with their names.
+    layers: Vec<(String, Vec<Pixel>)>,
 }
 
 impl Film {
     /// A black film.
     pub fn new(width: u32, height: u32) -> Self {
-        Self { width, height, pixels: vec![Pixel::default(); width as usize * height as usize] }
+        Self::try_new(width, height, &[]).expect("memory for a film")
     }
 
-    /// A black film, or `None` if there is not enough memory for it.
-    pub fn try_new(width: u32, height: u32) -> Option<Self> {
-        let mut pixels = Vec::new();
-        let n = width as usize * height as usize;
-        pixels.try_reserve_exact(n).ok()?;
-        pixels.resize(n, Pixel::default());
-        Some(Self { width, height, pixels })
+    /// A black film with layers of these names, or `None` if there is not enough memory for it.
+    pub fn try_new(width: u32, height: u32, layers: &[String]) -> Option<Self> {
+        let black = || {
+            let mut pixels = Vec::new();
+            let n = width as usize * height as usize;
+            pixels.try_reserve_exact(n).ok()?;
+            pixels.resize(n, Pixel::default());
+            Some(pixels)
+        };
+        let layers = layers.iter().map(|name| Some((name.clone(), black()?))).collect::<Option<_>>()?;
+        Some(Self { width, height, pixels: black()?, layers })
     }
 
     /// Width in pixels.
@@ -196,14 +225,30 @@ impl Film {
         &mut self.pixels
     }
 
+    /// The layers: their names and pixels.
+    pub fn layers(&self) -> &[(String, Vec<Pixel>)] {
+        &self.layers
+    }
+
+    /// The pixels of a layer, to be added to.
+    ///
+    /// # Panics
+    /// If there is no such layer.
+    pub fn layer_pixels_mut(&mut self, layer: usize) -> &mut [Pixel] {
+        &mut self.layers[layer].1
+    }
+
     /// Adds what another film of the same size received: for disjoint ranges of samples, the film of their union.
     ///
     /// # Panics
-    /// If the sizes differ.
+    /// If the sizes or the layers differ.
     pub fn merge(&mut self, other: &Film) {
         assert_eq!((self.width, self.height), (other.width, other.height), "films of different sizes");
-        for (a, b) in self.pixels.iter_mut().zip(&other.pixels) {
-            a.merge(b);
+        let merge = |to: &mut [Pixel], from: &[Pixel]| to.iter_mut().zip(from).for_each(|(a, b)| a.merge(b));
+        merge(&mut self.pixels, &other.pixels);
+        assert!(self.layers.iter().map(|l| &l.0).eq(other.layers.iter().map(|l| &l.0)), "films of different layers");
+        for (to, from) in self.layers.iter_mut().zip(&other.layers) {
+            merge(&mut to.1, &from.1);
         }
     }
 
@@ -217,14 +262,19 @@ impl Film {
         self.pixels.iter().map(|p| p.dropped).sum()
     }
 
-    /// The estimated relative error of the picture: the root of the mean over pixels of the squared standard error of
-    /// the luminance, over the squared luminance (+ 0.01 of the mean luminance squared, so that black pixels count
-    /// little). Samples count as independent, so stratified ones do better than this says. Infinite while some pixel
-    /// has fewer than two samples.
+    /// The estimated relative error of the picture: the root of the mean over pixels of [`Film::squared_errors`]. Infinite while
+    /// some pixel has fewer than two samples.
     pub fn relative_error(&self) -> f64 {
+        (self.squared_errors().sum::<f64>() / self.pixels.len() as f64).sqrt()
+    }
+
+    /// The estimated squared relative error of each pixel: the squared standard error of the luminance, over the squared
+    /// luminance (+ 0.01 of the picture's mean luminance squared, so that black pixels count little). Samples count as
+    /// independent, so stratified ones do better than this says. Infinite with fewer than two samples.
+    pub fn squared_errors(&self) -> impl Iterator<Item = f64> {
         let luminance = |c: [f64; 3]| math::LUMINANCE.iter().zip(c).map(|(w, x)| f64::from(*w) * x).sum::<f64>();
         let mean = self.pixels.iter().map(|p| luminance(p.mean())).sum::<f64>() / self.pixels.len() as f64;
-        let one = |p: &Pixel| {
+        self.pixels.iter().map(move |p| {
             if p.samples < 2 {
                 return f64::INFINITY;
             }
@@ -232,8 +282,7 @@ impl Film {
             let error = luminance(std::array::from_fn(|c| p.moments(c).standard_error()));
             let l = luminance(p.mean());
             error * error / (l * l + 0.01 * mean * mean).max(f64::MIN_POSITIVE)
-        };
-        (self.pixels.iter().map(one).sum::<f64>() / self.pixels.len() as f64).sqrt()
+        })
     }
 
     /// The mean of all pixels.
@@ -245,21 +294,26 @@ impl Film {
         })
     }
 
-    /// The picture, the variance of its pixels (of the mean, not of one sample) and their sample counts, as layers.
+    /// The picture, the variance of its pixels (of the mean, not of one sample), their sample counts, and its parts, as layers.
     pub fn develop(&self) -> Image {
-        let colours = |f: &dyn Fn(&Pixel) -> [f64; 3]| -> Vec<[f32; 3]> {
-            self.pixels.iter().map(|p| f(p).map(|x| x as f32)).collect()
+        let of = |pixels: &[Pixel], f: &dyn Fn(&Pixel) -> [f64; 3]| -> Vec<[f32; 3]> {
+            pixels.iter().map(|p| f(p).map(|x| x as f32)).collect()
         };
+        let colours = |f: &dyn Fn(&Pixel) -> [f64; 3]| of(&self.pixels, f);
+        let parts = self.layers.iter().map(|(name, pixels)| Layer::rgb(name, &of(pixels, &Pixel::mean)));
         let of_mean = |p: &Pixel| std::array::from_fn(|c| p.moments(c).variance_of_mean());
         let samples = Channel { name: "Y".into(), data: self.pixels.iter().map(|p| p.samples as f32).collect() };
         Image {
             width: self.width,
             height: self.height,
-            layers: vec![
+            layers: [
                 Layer::rgb("", &colours(&Pixel::mean)),
                 Layer::rgb("variance", &colours(&of_mean)),
                 Layer { name: "samples".into(), channels: vec![samples] },
-            ],
+            ]
+            .into_iter()
+            .chain(parts)
+            .collect(),
         }
     }
 }
@@ -273,8 +327,8 @@ mod tests {
         let mut pixel = Pixel::default();
         for run in samples.chunks(Batch::CAPACITY as usize) {
             let mut batch = Batch::default();
-            run.iter().for_each(|s| batch.add(*s));
-            pixel.add(&batch);
+            run.iter().for_each(|s| batch.add(*s, 1.0));
+            pixel.add(&batch, 1.0);
         }
         pixel
     }
@@ -324,6 +378,27 @@ mod tests {
                 prop_assert_eq!(p.squares, [squares, 0, squares]);
             }
         }
+    }
+
+    /// Samples that count for less come more often: the expectation stays, and the variance is that of theory.
+    #[test]
+    fn weights() {
+        let values: Vec<f32> = (0..32).map(|i| ((i * 37) % 32) as f32).collect();
+        let mut pixel = Pixel::default();
+        // Σw = 8·4 + 32/4 = 40, Σw² = 8·16 + 32/16 = 130.
+        for (count, weight) in [(8, 4.0), (32, 0.25)] {
+            let mut batch = Batch::default();
+            values[..count].iter().for_each(|x| batch.add([*x; 3], weight));
+            pixel.add(&batch, weight);
+        }
+        let sum = |n: usize, power: i32| values[..n].iter().map(|x| f64::from(*x).powi(power)).sum::<f64>();
+        let mean = (4.0 * sum(8, 1) + 0.25 * sum(32, 1)) / 40.0;
+        assert!((pixel.mean()[0] - mean).abs() < 1e-12);
+        let n = 40.0 * 40.0 / 130.0;
+        assert!((pixel.effective_samples() - n).abs() < 1e-12);
+        let variance = (16.0 * sum(8, 2) + sum(32, 2) / 16.0 - 130.0 * mean * mean) / (130.0 * (1.0 - 1.0 / n));
+        assert!((pixel.variance()[0] - variance).abs() < 1e-9 * variance);
+        assert_eq!(pixel.samples(), 40);
     }
 
     #[test]

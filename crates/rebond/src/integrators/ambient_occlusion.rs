@@ -17,7 +17,7 @@ use crate::render::{Bounce, PathState, Shade, ShadowRay};
 use crate::sampling::warp::{cosine_hemisphere, uniform_hemisphere, uniform_sphere};
 use crate::scene::{Scene, is_hit};
 use rebond_bvh::{Hit, Ray};
-use rebond_lanes::{Mask, Real};
+use rebond_lanes::{Index, Mask, Real};
 use serde::{Deserialize, Serialize};
 
 /// How directions are drawn.
@@ -95,6 +95,6 @@ impl Shade for AmbientOcclusion {
             time: path.time,
         };
         let contribution = path.throughput() * Rgb::grey(value);
-        Bounce { alive: F::Mask::splat(false), shadow: Some(ShadowRay { ray, contribution, mask }) }
+        Bounce::last(Some(ShadowRay { ray, contribution, event: F::Index::splat(0), mask }))
     }
 }

@@ -239,7 +239,8 @@ impl Direct {
             Some(Factor::V) => Rgb::white().masked(light.weight.is_lit()),
             Some(Factor::Bsdf) => (value.f * cos).masked(light.weight.is_lit()),
         };
-        ShadowRay::new(surface, &light, path.time, path.throughput() * contribution, mask)
+        let event = bsdf.event(surface.wo, light.wi);
+        ShadowRay::new(surface, &light, path.time, path.throughput() * contribution, event, mask)
     }
 
     /// A ray to one of many candidates.
@@ -302,7 +303,8 @@ impl Direct {
                 }
             }
         }
-        ShadowRay::new(surface, &chosen, path.time, path.throughput() * colour * sum, mask)
+        let event = bsdf.event(surface.wo, chosen.wi);
+        ShadowRay::new(surface, &chosen, path.time, path.throughput() * colour * sum, event, mask)
     }
 }
 
@@ -374,8 +376,9 @@ impl Shade for Direct {
             };
         }
         let shadowless = !self.settings.shadows || matches!(self.settings.factor, Some(Factor::Le | Factor::Bsdf));
-        if shadowless && let Some(ray) = shadow.take() {
-            path.add_contribution(ray.contribution, ray.mask);
+        if shadowless && let Some(shadow) = &mut shadow {
+            // A ray of no length meets nothing.
+            shadow.ray.tmax = F::zero();
         }
 
         let by_bsdf = match self.settings.sampling {
@@ -385,7 +388,7 @@ impl Shade for Direct {
         let by_bsdf = if shows_light { by_bsdf } else { F::Mask::splat(false) };
         let cosine = self.settings.sampling == DirectSampling::Cosine;
         if !cosine && by_bsdf.none() {
-            return Bounce { alive: F::Mask::splat(false), shadow };
+            return Bounce::last(shadow);
         }
         let (direction, choice) = (u.pair(BSDF_DIRECTION), || u.value(BSDF_CHOICE));
         let mut next = bsdf.sample(surface.wo, direction, choice, TransportMode::Radiance, by_bsdf);
@@ -398,6 +401,6 @@ impl Shade for Direct {
         let pdf = F::select(next.specular, F::splat(f32::INFINITY), next.pdf.0);
         path.go(&surface, bsdf.normal(), &next, pdf);
         path.depth = path.depth + F::Index::splat(1);
-        Bounce { alive, shadow }
+        Bounce { alive, event: bsdf.event(surface.wo, next.w), shadow }
     }
 }

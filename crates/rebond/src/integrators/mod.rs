@@ -15,13 +15,15 @@
 mod ambient_occlusion;
 mod direct;
 mod path;
+mod recursive;
 
 pub use ambient_occlusion::{AmbientOcclusionSampling, AmbientOcclusionSettings};
 pub use direct::{DirectSampling, DirectSettings, Factor};
-pub use path::PathSettings;
+pub use path::{PathMode, PathSettings, Roulette};
+pub use recursive::RecursiveSettings;
 
 use crate::emitter::LightSampling;
-use crate::render::{Engine, Integrator};
+use crate::render::{Engine, Integrator, PathClasses, PathExpression, PathLayer};
 use crate::sampling::Sampler;
 use crate::scene::Scene;
 use serde::{Deserialize, Serialize};
@@ -36,6 +38,8 @@ pub enum IntegratorSettings {
     Direct(DirectSettings),
     /// Path tracing.
     Path(PathSettings),
+    /// N rays at every hit.
+    Recursive(RecursiveSettings),
 }
 
 impl Default for IntegratorSettings {
@@ -69,8 +73,13 @@ pub const INTEGRATORS: &[IntegratorInfo] = &[
     },
     IntegratorInfo {
         name: "path",
-        summary: "explicit path tracing with multiple importance sampling",
+        summary: "path tracing: implicit, explicit, or both weighed against each other",
         settings: path::SETTINGS,
+    },
+    IntegratorInfo {
+        name: "recursive",
+        summary: "N rays at every hit, to see why one is enough",
+        settings: recursive::SETTINGS,
     },
 ];
 
@@ -91,14 +100,32 @@ impl IntegratorSettings {
             Self::AmbientOcclusion(_) => "ambient-occlusion",
             Self::Direct(_) => "direct",
             Self::Path(_) => "path",
+            Self::Recursive(_) => "recursive",
         }
     }
 
     /// Whether its expectation differs from the rendering equation's solution.
     pub fn is_biased(&self) -> bool {
+        self.leaves_out().is_some()
+    }
+
+    /// What it leaves out of the rendering equation's solution, in words.
+    pub fn leaves_out(&self) -> Option<String> {
         match self {
-            Self::AmbientOcclusion(_) | Self::Direct(_) => true,
-            Self::Path(settings) => settings.is_biased(),
+            Self::AmbientOcclusion(_) => Some("ambient occlusion is not light".into()),
+            Self::Direct(_) => Some("light that was reflected before is left out".into()),
+            Self::Path(settings) => settings.leaves_out(),
+            Self::Recursive(settings) => {
+                Some(format!("paths of more than depth={} segments are left out", settings.depth))
+            }
+        }
+    }
+
+    /// The paths that count; all if none are named.
+    fn paths(&self) -> Option<&PathExpression> {
+        match self {
+            Self::AmbientOcclusion(_) | Self::Direct(_) | Self::Recursive(_) => None,
+            Self::Path(settings) => settings.paths.as_ref(),
         }
     }
 
@@ -109,16 +136,49 @@ impl IntegratorSettings {
         sampler: Sampler,
         engine: Engine,
     ) -> Result<Box<dyn Integrator + 'a>, IntegratorError> {
+        self.layered_integrator(scene, sampler, engine, &[])
+    }
+
+    /// The integrator, its light also laid into these layers: those of its films.
+    pub fn layered_integrator<'a>(
+        &self,
+        scene: &'a Scene,
+        sampler: Sampler,
+        engine: Engine,
+        layers: &[PathLayer],
+    ) -> Result<Box<dyn Integrator + 'a>, IntegratorError> {
+        let classes =
+            match (self.paths(), layers) {
+                (None, []) => None,
+                (paths, layers) => {
+                    let all = PathExpression::all();
+                    Some(PathClasses::new(paths.unwrap_or(&all), layers).map_err(|message| IntegratorError {
+                        message,
+                        help: "use fewer or shorter expressions".into(),
+                    })?)
+                }
+            };
+        if classes.is_some() && matches!(self, Self::AmbientOcclusion(_) | Self::Recursive(_)) {
+            let message = format!("{} does not tell paths apart", self.name());
+            return Err(IntegratorError { message, help: "use path or direct".into() });
+        }
         Ok(match self {
             Self::AmbientOcclusion(settings) => {
                 let shade = ambient_occlusion::AmbientOcclusion::new(*settings)?;
-                engine.integrator(scene, sampler, shade)
+                engine.integrator(scene, sampler, shade, classes)
             }
-            Self::Direct(settings) => engine.integrator(scene, sampler, direct::Direct::new(*settings, scene)?),
+            Self::Direct(settings) => {
+                engine.integrator(scene, sampler, direct::Direct::new(*settings, scene)?, classes)
+            }
             Self::Path(settings) => match settings.light_sampling {
-                LightSampling::Area => engine.integrator(scene, sampler, path::Path::<false>::new(*settings)),
-                LightSampling::SolidAngle => engine.integrator(scene, sampler, path::Path::<true>::new(*settings)),
+                LightSampling::Area => {
+                    engine.integrator(scene, sampler, path::Path::<false>::new(settings, scene)?, classes)
+                }
+                LightSampling::SolidAngle => {
+                    engine.integrator(scene, sampler, path::Path::<true>::new(settings, scene)?, classes)
+                }
             },
+            Self::Recursive(settings) => Box::new(recursive::Recursive::new(*settings, scene, sampler)?),
         })
     }
 }

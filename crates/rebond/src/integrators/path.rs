@@ -1,19 +1,35 @@
-//! Path tracing (Kajiya 1986), explicit, with multiple importance sampling (Veach 1997, ch. 9). Unbiased, unless
-//! `max_depth` cuts paths off.
+//! Path tracing (Kajiya 1986). Unbiased, unless `max_depth` cuts paths off.
 //!
 //! ```text
 //! L(x, ωo) ≈ Le + Ld + Lind
 //! Ld   = w(light) · Le(y → x) f_r V |cosθ| / pdf(light)          one point y of one emitter
 //! Lind = f_r |cosθ| / pdf(bsdf) · L(x', −ωi)                     one direction ωi; its Le weighed w(bsdf)
-//! w(a) = pdf(a)² / (pdf(light)² + pdf(bsdf)²)                    the power heuristic, β = 2
 //! ```
 //!
-//! Past `rr_depth` a path survives with probability q = min(0.95, max channel of its throughput · η²), and counts 1/q
-//! when it does (Russian roulette; η undoes what refraction did to radiance).
+//! | `mode` | w(light) | w(bsdf) |
+//! |---|---|---|
+//! | `implicit` | 0: light is found by chance | 1 |
+//! | `explicit` | 1 | 0: what Ld has is not counted again |
+//! | `mis` | pdf(light)² / (pdf(light)² + pdf(bsdf)²) | 1 − w(light): the power heuristic (Veach 1997, §9.2.4) |
+//!
+//! Where only one of the two can find the light (points and beams, mirrors and glass, the eye's own ray), it has the
+//! weight 1 in every mode. Implicit paths never find points and beams.
+//!
+//! Past `rr_depth` segments a path survives with probability q, and counts 1/q when it does: Russian roulette (Arvo and
+//! Kirk 1990).
+//!
+//! | `roulette` | q |
+//! |---|---|
+//! | `none` | 1 |
+//! | `constant` | `survival` |
+//! | `albedo` | max channel of f_r \|cosθ\| / pdf(bsdf), which is ρ for a diffuse surface; at most `survival` |
+//! | `throughput` | max channel of the throughput · η², which undoes what refraction did to radiance; at most `survival` |
 
+use super::IntegratorError;
 use crate::bsdf::TransportMode;
 use crate::emitter::LightSampling;
-use crate::render::{Bounce, PathState, Shade, ShadowRay};
+use crate::math::Rgb;
+use crate::render::{Bounce, PathExpression, PathState, Shade, ShadowRay};
 use crate::scene::{Scene, is_hit};
 use crate::transport::power_heuristic;
 use rebond_bvh::Hit;
@@ -25,13 +41,32 @@ use std::num::NonZeroU32;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PathMode {
-    /// By points on lights and by directions of the BSDF, weighed against each other.
+    /// By paths that happen to hit it.
+    Implicit,
+    /// By points on lights.
+    Explicit,
+    /// By both, weighed against each other.
     #[default]
     Mis,
 }
 
+/// The probability with which a path survives Russian roulette.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Roulette {
+    /// One: paths end by `max_depth` alone.
+    None,
+    /// The same everywhere.
+    Constant,
+    /// What the surface reflects.
+    Albedo,
+    /// What the path still counts.
+    #[default]
+    Throughput,
+}
+
 /// Settings of path tracing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PathSettings {
     /// Longest path in segments: 1 is emitted light only, 2 direct light too. Unlimited if not given.
@@ -40,42 +75,110 @@ pub struct PathSettings {
     pub rr_depth: u32,
     /// How direct light is estimated.
     pub mode: PathMode,
+    /// How long paths end.
+    pub roulette: Roulette,
+    /// Survival probability, or the most it may be.
+    pub survival: f32,
     /// How points of triangles and parallelograms are drawn.
     pub light_sampling: LightSampling,
+    /// Which paths count; all if not given.
+    pub paths: Option<PathExpression>,
 }
 
 impl Default for PathSettings {
     fn default() -> Self {
-        Self { max_depth: None, rr_depth: 5, mode: PathMode::Mis, light_sampling: LightSampling::Area }
+        Self {
+            max_depth: None,
+            rr_depth: 5,
+            mode: PathMode::default(),
+            roulette: Roulette::default(),
+            survival: 0.95,
+            light_sampling: LightSampling::Area,
+            paths: None,
+        }
     }
 }
 
 impl PathSettings {
-    /// Cutting paths off leaves out what they would have brought.
-    pub fn is_biased(&self) -> bool {
-        self.max_depth.is_some()
+    /// Which light is left out, in words.
+    pub(super) fn leaves_out(&self) -> Option<String> {
+        let by_depth = self.max_depth.map(|d| format!("paths of more than max_depth={d} segments are left out"));
+        let by_class = self.paths.as_ref().map(|p| format!("only the paths {p} are shown"));
+        by_depth.or(by_class)
     }
 }
 
 /// The settings, for lists.
 pub(super) const SETTINGS: &[(&str, &str)] = &[
-    ("max_depth", "longest path in segments; unlimited if not given"),
+    ("max_depth", "longest path in segments, which leaves out longer ones; unlimited if not given"),
     ("rr_depth", "segments after which Russian roulette begins; 5"),
-    ("mode", "how direct light is estimated: mis"),
+    ("mode", "how direct light is estimated: implicit, explicit or mis; mis"),
+    ("roulette", "how long paths end: none, constant, albedo or throughput; throughput"),
+    ("survival", "probability of survival (constant), or the most it may be; 0.95"),
     ("light_sampling", "how points of flat lights are drawn: area or solid-angle; area"),
+    ("paths", "which paths count: numbers of vertices such as 2 or 3..4, or an expression such as LS+DE; all"),
 ];
 
 /// The estimator. How light is sampled is a constant, so that by area there is no trace of the other.
 pub struct Path<const SOLID_ANGLE: bool> {
     max_depth: u32,
     rr_depth: u32,
+    mode: PathMode,
+    roulette: Roulette,
+    survival: f32,
 }
 
 impl<const SOLID_ANGLE: bool> Path<SOLID_ANGLE> {
     const LIGHT_SAMPLING: LightSampling = if SOLID_ANGLE { LightSampling::SolidAngle } else { LightSampling::Area };
 
-    pub(super) fn new(settings: PathSettings) -> Self {
-        Self { max_depth: settings.max_depth.map_or(u32::MAX, NonZeroU32::get), rr_depth: settings.rr_depth }
+    pub(super) fn new(settings: &PathSettings, scene: &Scene) -> Result<Self, IntegratorError> {
+        let PathSettings { max_depth, rr_depth, mode, roulette, survival, .. } = *settings;
+        let error = |message: String, help: &str| Err(IntegratorError { message, help: help.into() });
+        if !(survival > 0.0 && survival <= 1.0) {
+            return error(format!("survival = {survival} is no probability above 0"), "give one such as 0.8");
+        }
+        let endless = roulette == Roulette::None || survival == 1.0;
+        if endless && max_depth.is_none() {
+            let message = "paths would never end where light is not absorbed".to_owned();
+            return error(message, "add max_depth=N, or roulette=throughput and survival below 1");
+        }
+        if mode == PathMode::Implicit && scene.emitters().has_unhittable() {
+            let message = "implicit paths never find points and beams, and the scene has some".to_owned();
+            return error(message, "use mode=explicit or mode=mis, or lights with a surface");
+        }
+        Ok(Self { max_depth: max_depth.map_or(u32::MAX, NonZeroU32::get), rr_depth, mode, roulette, survival })
+    }
+
+    /// w(bsdf): what light counts that a ray found, drawn with density `pdf` (∞ if only its sampler draws it).
+    #[inline(always)]
+    fn weight_found<F: Real>(&self, pdf: F, light_pdf: impl FnOnce() -> F) -> F {
+        match self.mode {
+            PathMode::Implicit => F::one(),
+            PathMode::Explicit => F::select(pdf.is_finite(), F::zero(), F::one()),
+            PathMode::Mis => power_heuristic(pdf, light_pdf()),
+        }
+    }
+
+    /// w(light): what light counts whose point was drawn with density `pdf` (0 if no ray finds it).
+    #[inline(always)]
+    fn weight_drawn<F: Real>(&self, pdf: F, bsdf_pdf: F) -> F {
+        match self.mode {
+            PathMode::Implicit => F::zero(),
+            PathMode::Explicit => F::one(),
+            PathMode::Mis => F::select(pdf.gt(F::zero()), power_heuristic(pdf, bsdf_pdf), F::one()),
+        }
+    }
+
+    /// q, for a path whose last bounce weighed it by `weight`.
+    #[inline(always)]
+    fn survival<F: Real>(&self, path: &PathState<F>, weight: Rgb<F>) -> F {
+        let most = F::splat(self.survival);
+        match self.roulette {
+            Roulette::None => F::one(),
+            Roulette::Constant => most,
+            Roulette::Albedo => weight.map(F::abs).max().min(most),
+            Roulette::Throughput => (path.throughput().map(F::abs).max() * path.eta_squared).min(most),
+        }
     }
 }
 
@@ -98,8 +201,7 @@ impl<const SOLID_ANGLE: bool> Shade for Path<SOLID_ANGLE> {
         let escaped = active.and_not(found);
         if escaped.any() {
             for (radiance, light_pdf) in scene.surroundings(origin, path.normal(), path.direction()) {
-                let weight = power_heuristic(path.pdf, light_pdf);
-                path.add(radiance * weight, escaped);
+                path.add(radiance * self.weight_found(path.pdf, || light_pdf), escaped);
             }
         }
         if found.none() {
@@ -111,8 +213,9 @@ impl<const SOLID_ANGLE: bool> Shade for Path<SOLID_ANGLE> {
         let emission = scene.emitted(&surface, found);
         let lit = found & emission.is_lit();
         if lit.any() {
-            let light_pdf = scene.light_pdf(origin, path.normal(), &surface, Self::LIGHT_SAMPLING, lit);
-            path.add(emission * power_heuristic(path.pdf, light_pdf), lit);
+            let weight = self
+                .weight_found(path.pdf, || scene.light_pdf(origin, path.normal(), &surface, Self::LIGHT_SAMPLING, lit));
+            path.add(emission * weight, lit);
         }
         let going_on = found & path.depth.lt(F::Index::splat(self.max_depth));
         if going_on.none() {
@@ -123,7 +226,8 @@ impl<const SOLID_ANGLE: bool> Shade for Path<SOLID_ANGLE> {
         // Ld: a point on a light, unless only a sampled direction can find it.
         let diffuse = going_on.and_not(bsdf.is_specular());
         let mut shadow = None;
-        if diffuse.any()
+        if self.mode != PathMode::Implicit
+            && diffuse.any()
             && let Some(light) = scene.sample_light(
                 surface.p,
                 bsdf.normal(),
@@ -134,11 +238,11 @@ impl<const SOLID_ANGLE: bool> Shade for Path<SOLID_ANGLE> {
             )
         {
             let value = bsdf.eval(surface.wo, light.wi, TransportMode::Radiance, diffuse);
-            // A light that no direction finds has pdf 0, and this the whole weight.
-            let weight = F::select(light.pdf.0.gt(F::zero()), power_heuristic(light.pdf.0, value.pdf.0), F::one());
+            let weight = self.weight_drawn(light.pdf.0, value.pdf.0);
             let cos = bsdf.normal().dot(light.wi).abs();
             let contribution = path.throughput() * value.f * light.weight * (cos * weight);
-            shadow = ShadowRay::new(&surface, &light, path.time, contribution, diffuse);
+            let event = bsdf.event(surface.wo, light.wi);
+            shadow = ShadowRay::new(&surface, &light, path.time, contribution, event, diffuse);
         }
 
         // Lind: a direction of the BSDF.
@@ -151,12 +255,12 @@ impl<const SOLID_ANGLE: bool> Shade for Path<SOLID_ANGLE> {
         // Russian roulette.
         let gambles = alive.and_not(path.depth.lt(F::Index::splat(self.rr_depth)));
         if gambles.any() {
-            let survival = (path.throughput().map(F::abs).max() * path.eta_squared).min(F::splat(0.95));
+            let survival = self.survival(path, next.weight);
             let dies = gambles & u.value(ROULETTE).ge(survival);
             alive = alive.and_not(dies);
             path.scale(F::select(gambles, survival.recip(), F::one()));
         }
         path.depth = path.depth + F::Index::splat(1);
-        Bounce { alive, shadow }
+        Bounce { alive, event: bsdf.event(surface.wo, next.w), shadow }
     }
 }

@@ -1,6 +1,7 @@
 //! Until when to render: a number of samples, a time, an error; whichever comes first.
 
-use super::{Integrator, Observer, Pass, Region};
+use super::adaptive::Adaptive;
+use super::{Integrator, Observer, Pass, Rays, Region};
 use crate::film::Film;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -15,15 +16,17 @@ pub struct Budget {
     pub time: Option<Duration>,
     /// Estimated relative error, as [`Film::relative_error`] has it.
     pub error: Option<f64>,
+    /// Whether samples go where the estimated error is; `samples` is then their mean over pixels, about.
+    pub adaptive: bool,
 }
 
 /// What a render did.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct RenderStatistics {
     /// Samples over all pixels.
     pub samples: u64,
     /// Rays traced.
-    pub rays: u64,
+    pub rays: Rays,
     /// Time it took.
     pub seconds: f64,
     /// Whether it was told to stop before its budget was used up.
@@ -72,17 +75,22 @@ pub fn render(
     let mut statistics = RenderStatistics::default();
     let before = film.samples();
     let shared = Mutex::new(std::mem::replace(film, Film::new(0, 0)));
+    let mut adaptive = budget.adaptive.then(|| Adaptive::new(&region, first));
     let mut at = first;
     while at < last && !deadline.should_stop() {
         // Without a judgement of the error in between, all samples are one pass, unless time may cut it short: then the
         // picture should be complete at every power of two.
         let pass_end = match (budget.error, budget.time) {
-            (None, None) if budget.samples.is_some() => last,
-            (Some(_), None) => (at - first).max(FIRST_JUDGEMENT).saturating_add(at).min(last),
+            (None, None) if budget.samples.is_some() && !budget.adaptive => last,
+            (_, None) => (at - first).max(FIRST_JUDGEMENT).saturating_add(at).min(last),
             _ => (at - first).max(1).saturating_add(at).min(last),
         };
-        let pass = Pass { region, samples: at..pass_end, threads };
-        statistics.rays += integrator.add_samples(&shared, &pass, &deadline);
+        let shares = adaptive.as_mut().map(|a| {
+            let film = shared.lock().unwrap_or_else(|e| e.into_inner());
+            a.shares(&film, pass_end - at)
+        });
+        let pass = Pass { region, samples: at..pass_end, threads, shares };
+        statistics.rays.merge(&integrator.add_samples(&shared, &pass, &deadline));
         at = pass_end;
         deadline.first_pass.store(false, Ordering::Relaxed);
         let film = shared.lock().unwrap_or_else(|e| e.into_inner());

@@ -1,13 +1,19 @@
 //! Engines that run estimators: which paths, in what order, until when.
 
+mod adaptive;
+mod bounce;
 mod budget;
+pub mod path_classes;
 mod path_state;
 mod scalar;
 mod tiles;
 mod wavefront;
 
+pub use adaptive::Share;
 pub use budget::{Budget, RenderStatistics, render};
+pub use path_classes::{PathClasses, PathExpression, PathLayer};
 pub use path_state::{Bounce, Dimensions, PathState, Shade, ShadowRay};
+pub(crate) use tiles::{TILE, Tiles};
 
 use crate::film::Film;
 use crate::sampling::Sampler;
@@ -51,6 +57,53 @@ pub struct Pass {
     pub samples: Range<u32>,
     /// How many threads to use.
     pub threads: usize,
+    /// What each tile gets instead, so that samples go where they help most.
+    pub shares: Option<Vec<Share>>,
+}
+
+impl Pass {
+    /// The samples of a tile, and what each of them counts.
+    fn samples_of(&self, tile: usize) -> (Range<u32>, f32) {
+        match &self.shares {
+            None => (self.samples.clone(), 1.0),
+            Some(shares) => shares[tile].samples(self.samples.len() as u32),
+        }
+    }
+}
+
+/// Rays traced.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Rays {
+    /// Rays of paths, by the number of the segment: those of the camera first.
+    pub by_depth: Vec<u64>,
+    /// Rays that asked whether anything is in the way.
+    pub shadow: u64,
+}
+
+impl Rays {
+    /// Counts `n` rays of that segment; the camera's is 1.
+    #[inline(always)]
+    pub fn add(&mut self, depth: u32, n: u32) {
+        let place = (depth.max(1) - 1) as usize;
+        if self.by_depth.len() <= place {
+            self.by_depth.resize(place + 1, 0);
+        }
+        self.by_depth[place] += u64::from(n);
+    }
+
+    /// Adds others.
+    pub fn merge(&mut self, other: &Self) {
+        if self.by_depth.len() < other.by_depth.len() {
+            self.by_depth.resize(other.by_depth.len(), 0);
+        }
+        self.by_depth.iter_mut().zip(&other.by_depth).for_each(|(a, b)| *a += b);
+        self.shadow += other.shadow;
+    }
+
+    /// All of them.
+    pub fn total(&self) -> u64 {
+        self.by_depth.iter().sum::<u64>() + self.shadow
+    }
 }
 
 /// Told how a render goes; asked whether to go on. Called from many threads, some thousand times a second at most.
@@ -74,8 +127,9 @@ impl Observer for () {}
 /// An algorithm at work on a scene: fills a film pass by pass. The same seed gives the same bits, for any number of
 /// threads and any division into passes.
 pub trait Integrator: Sync {
-    /// Adds the samples of a pass to a film of the region's size. Returns the number of rays traced.
-    fn add_samples(&self, film: &Mutex<Film>, pass: &Pass, observer: &dyn Observer) -> u64;
+    /// Adds the samples of a pass to a film of the region's size, which has the layers of this integrator. Returns the rays
+    /// traced.
+    fn add_samples(&self, film: &Mutex<Film>, pass: &Pass, observer: &dyn Observer) -> Rays;
 }
 
 /// How camera-path estimators run.
@@ -89,16 +143,17 @@ pub enum Engine {
 }
 
 impl Engine {
-    /// Makes an estimator an integrator.
+    /// Makes an estimator an integrator. With `classes` only their light counts, in their layers.
     pub fn integrator<'a, S: Shade + 'a>(
         self,
         scene: &'a Scene,
         sampler: Sampler,
         shade: S,
+        classes: Option<PathClasses>,
     ) -> Box<dyn Integrator + 'a> {
         match self {
-            Self::Wavefront => Box::new(wavefront::Wavefront { scene, sampler, shade }),
-            Self::Scalar => Box::new(scalar::Scalar { scene, sampler, shade }),
+            Self::Wavefront => Box::new(wavefront::Wavefront { scene, sampler, shade, classes }),
+            Self::Scalar => Box::new(scalar::Scalar { scene, sampler, shade, classes }),
         }
     }
 }

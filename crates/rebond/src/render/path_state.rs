@@ -1,5 +1,6 @@
 //! A camera path under way, and the one function that an estimator is: its [`Shade`].
 
+use super::path_classes::PathClasses;
 use crate::bsdf::BsdfSample;
 use crate::emitter::EmitterSample;
 use crate::math::{Rgb, Vec3, offset_from_surface, vec3};
@@ -19,6 +20,8 @@ pub trait Shade: Sync {
 pub struct Bounce<F: Real> {
     /// Paths that go on.
     pub alive: F::Mask,
+    /// What happened to them here: numbers of [`Event`](crate::bsdf::Event)s.
+    pub event: F::Index,
     /// Light to be added where nothing is in its way.
     pub shadow: Option<ShadowRay<F>>,
 }
@@ -26,7 +29,11 @@ pub struct Bounce<F: Real> {
 impl<F: Real> Bounce<F> {
     /// No path goes on.
     pub fn end() -> Self {
-        Self { alive: F::Mask::splat(false), shadow: None }
+        Self::last(None)
+    }
+    /// No path goes on, but light may come to where they are.
+    pub fn last(shadow: Option<ShadowRay<F>>) -> Self {
+        Self { alive: F::Mask::splat(false), event: F::Index::splat(0), shadow }
     }
 }
 
@@ -36,6 +43,8 @@ pub struct ShadowRay<F: Real> {
     pub ray: Ray<F>,
     /// What is added to the path.
     pub contribution: Rgb<F>,
+    /// What happens to the light here: numbers of [`Event`](crate::bsdf::Event)s.
+    pub event: F::Index,
     /// Lanes in which it is worth tracing.
     pub mask: F::Mask,
 }
@@ -48,6 +57,7 @@ impl<F: Real> ShadowRay<F> {
         light: &EmitterSample<F>,
         time: F,
         contribution: Rgb<F>,
+        event: F::Index,
         mask: F::Mask,
     ) -> Option<Self> {
         let mask = mask & contribution.is_lit();
@@ -58,7 +68,7 @@ impl<F: Real> ShadowRay<F> {
         let target = offset_from_surface(light.point, light.error, light.normal, -light.wi);
         let d = Vec3::select(light.infinite, light.wi, target - o);
         let tmax = F::select(light.infinite, F::splat(f32::INFINITY), F::one());
-        Some(Self { ray: Ray { o: o.array(), d: d.array(), tmax, time }, contribution, mask })
+        Some(Self { ray: Ray { o: o.array(), d: d.array(), tmax, time }, contribution, event, mask })
     }
 }
 
@@ -72,6 +82,11 @@ pub struct Dimensions<F: Real> {
 }
 
 impl<F: Real> Dimensions<F> {
+    /// Those of bounce `number`, of which every one uses `per_bounce` dimensions.
+    #[inline(always)]
+    pub fn new(stream: Stream<F>, number: F::Index, per_bounce: u32) -> Self {
+        Self { stream, first: number * F::Index::splat(per_bounce) + F::Index::splat(CAMERA_DIMENSIONS) }
+    }
     /// One value in [0, 1).
     #[inline(always)]
     pub fn value(&self, n: u32) -> F {
@@ -174,13 +189,15 @@ path_state! {
         sample,
         /// Where the engine keeps its sum.
         slot,
+        /// State of the automaton that tells classes of paths apart.
+        class,
     }
 }
 
 impl<F: Real> PathState<F> {
     /// The path of a sample of the pixel at (x, y), at its first ray.
     #[inline(always)]
-    pub(super) fn start(
+    pub(crate) fn start(
         scene: &Scene,
         sampler: &Sampler,
         x: F::Index,
@@ -222,6 +239,7 @@ impl<F: Real> PathState<F> {
             pixel,
             sample,
             slot,
+            class: PathClasses::start::<F>(),
         }
     }
 
@@ -269,9 +287,7 @@ impl<F: Real> PathState<F> {
     /// The sample values of this bounce, of which every bounce uses `per_bounce` dimensions.
     #[inline(always)]
     pub fn dimensions(&self, per_bounce: u32) -> Dimensions<F> {
-        let first =
-            (self.depth - F::Index::splat(1)) * F::Index::splat(per_bounce) + F::Index::splat(CAMERA_DIMENSIONS);
-        Dimensions { stream: self.stream, first }
+        Dimensions::new(self.stream, self.depth - F::Index::splat(1), per_bounce)
     }
 
     /// Gathers light that arrives along the present ray.
@@ -283,8 +299,13 @@ impl<F: Real> PathState<F> {
     /// Gathers light that has been weighed by the throughput already.
     #[inline(always)]
     pub fn add_contribution(&mut self, light: Rgb<F>, mask: F::Mask) {
-        let sum = self.radiance() + light.masked(mask);
-        (self.lr, self.lg, self.lb) = (sum.r, sum.g, sum.b);
+        self.set_radiance(self.radiance() + light.masked(mask));
+    }
+
+    /// Replaces what was gathered.
+    #[inline(always)]
+    pub(super) fn set_radiance(&mut self, light: Rgb<F>) {
+        (self.lr, self.lg, self.lb) = (light.r, light.g, light.b);
     }
 
     /// Multiplies the throughput.

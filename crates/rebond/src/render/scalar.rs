@@ -1,8 +1,10 @@
 //! The reference engine: one path after the other.
 
+use super::bounce::bounce;
+use super::path_classes::PathClasses;
 use super::path_state::{PathState, Shade};
 use super::tiles::{TILE, Tiles};
-use super::{Integrator, Observer, Pass};
+use super::{Integrator, Observer, Pass, Rays};
 use crate::film::{Batch, Film};
 use crate::sampling::Sampler;
 use crate::scene::Scene;
@@ -13,41 +15,46 @@ pub struct Scalar<'a, S> {
     pub scene: &'a Scene,
     pub sampler: Sampler,
     pub shade: S,
+    pub classes: Option<PathClasses>,
 }
 
 impl<S: Shade> Scalar<'_, S> {
-    /// The radiance of one path, and the rays it took.
-    fn trace(&self, mut path: PathState<f32>) -> ([f32; 3], u64) {
-        let mut rays = 0;
+    /// The radiance of one path; adds its light by layers, and the rays it took.
+    fn trace(&self, mut path: PathState<f32>, layers: &mut [[f32; 3]], rays: &mut Rays) -> [f32; 3] {
         loop {
-            let hit = self.scene.intersect(&path.ray(), true, true);
-            rays += 1;
-            let bounce = self.shade.shade(self.scene, &mut path, &hit, true);
-            if let Some(shadow) = bounce.shadow.filter(|s| s.mask) {
-                rays += 1;
-                let blocked = self.scene.occluded(&shadow.ray, true);
-                path.add_contribution(shadow.contribution, !blocked);
-            }
-            if !bounce.alive {
-                return (path.radiance().lane(0), rays);
+            let depth = path.depth.0;
+            let step =
+                bounce(self.scene, &self.shade, self.classes.as_ref(), &mut path, true, true, |_, layer, light| {
+                    if let Some(sum) = (layer.0 as usize).checked_sub(1).and_then(|l| layers.get_mut(l)) {
+                        sum.iter_mut().zip(light.lane(0)).for_each(|(s, x)| *s += x);
+                    }
+                });
+            rays.add(depth, 1);
+            rays.shadow += u64::from(step.shadow_rays);
+            if !step.alive {
+                return path.radiance().lane(0);
             }
         }
     }
 }
 
 impl<S: Shade> Integrator for Scalar<'_, S> {
-    fn add_samples(&self, film: &Mutex<Film>, pass: &Pass, observer: &dyn Observer) -> u64 {
+    fn add_samples(&self, film: &Mutex<Film>, pass: &Pass, observer: &dyn Observer) -> Rays {
+        let layers = self.classes.as_ref().map_or(0, PathClasses::layers);
         Tiles::new(film, pass, observer).run(|tiles| {
             while let Some(tile) = tiles.next() {
-                let (mut pixels, mut rays) = ([Batch::default(); TILE], 0);
+                let mut pixels = vec![[Batch::default(); TILE]; 1 + layers];
+                let mut rays = Rays::default();
                 for s in tiles.samples_from(&tile, 0) {
                     let [x, y, pixel, index, slot] = [s.x, s.y, s.pixel, s.index, s.slot].map(Index1);
                     let path = PathState::start(self.scene, &self.sampler, x, y, pixel, index, slot);
-                    let (radiance, its_rays) = self.trace(path);
-                    pixels[s.slot as usize].add(radiance);
-                    rays += its_rays;
+                    let mut by_layer = vec![[0.0; 3]; layers];
+                    let radiance = self.trace(path, &mut by_layer, &mut rays);
+                    for (batches, light) in pixels.iter_mut().zip(std::iter::once(radiance).chain(by_layer)) {
+                        batches[s.slot as usize].add(light, tile.weight);
+                    }
                 }
-                tiles.done(&tile, &pixels, rays);
+                tiles.done(&tile, &pixels, &mut rays);
             }
         })
     }

@@ -1,6 +1,6 @@
 //! The pixels of a pass, handed out tile by tile; and their sums, handed back.
 
-use super::{Observer, Pass};
+use super::{Observer, Pass, Rays, Region};
 use crate::film::{Batch, Film};
 use std::ops::Range;
 use std::sync::Mutex;
@@ -12,7 +12,7 @@ pub const SIDE: u32 = 16;
 pub const TILE: usize = (SIDE * SIDE) as usize;
 
 /// Samples per pixel of one visit to a tile: what is lost at most when a render is told to stop.
-const VISIT: u32 = Batch::CAPACITY;
+pub const VISIT: u32 = Batch::CAPACITY;
 
 /// The tiles of a pass, visited once for every [`VISIT`] samples: all of them for the first, then all for the next. A
 /// visit belongs to one thread, which adds up its samples and hands the sums over when all are done; sums are exact, so
@@ -25,10 +25,11 @@ pub struct Tiles<'a> {
     columns: u32,
     tiles: u64,
     visits: u64,
-    rays: AtomicU64,
+    rays: Mutex<Rays>,
 }
 
-/// A visit to a tile: the tile's first pixel relative to the region, its size, and the samples of each pixel.
+/// A visit to a tile: the tile's first pixel relative to the region, its size, the samples of each pixel, and what each of
+/// them counts.
 #[derive(Clone, Debug)]
 pub struct Tile {
     pub x: u32,
@@ -36,6 +37,7 @@ pub struct Tile {
     pub width: u32,
     pub height: u32,
     pub samples: Range<u32>,
+    pub weight: f32,
 }
 
 /// One sample of one pixel.
@@ -54,14 +56,20 @@ pub struct Sample {
 
 impl<'a> Tiles<'a> {
     pub fn new(film: &'a Mutex<Film>, pass: &'a Pass, observer: &'a dyn Observer) -> Self {
-        let (columns, rows) = (pass.region.width.div_ceil(SIDE), pass.region.height.div_ceil(SIDE));
+        let [columns, rows] = tiles_of(&pass.region);
         let tiles = u64::from(columns) * u64::from(rows);
-        let visits = tiles * (pass.samples.len() as u64).div_ceil(u64::from(VISIT));
-        Self { pass, film, observer, next: AtomicU64::new(0), columns, tiles, visits, rays: AtomicU64::new(0) }
+        let of_tile = |t: u32| pass.samples_of(t as usize).0.len() as u64;
+        let most = match &pass.shares {
+            None => pass.samples.len() as u64,
+            Some(shares) => (0..shares.len() as u32).map(of_tile).max().unwrap_or(0),
+        };
+        let visits = tiles * most.div_ceil(u64::from(VISIT));
+        let rays = Mutex::new(Rays::default());
+        Self { pass, film, observer, next: AtomicU64::new(0), columns, tiles, visits, rays }
     }
 
     /// Runs a worker on each thread; returns the rays they traced.
-    pub fn run(&self, worker: impl Fn(&Self) + Sync) -> u64 {
+    pub fn run(&self, worker: impl Fn(&Self) + Sync) -> Rays {
         let threads = self.pass.threads.clamp(1, self.visits.clamp(1, 1024) as usize);
         std::thread::scope(|scope| {
             for _ in 1..threads {
@@ -69,24 +77,28 @@ impl<'a> Tiles<'a> {
             }
             worker(self);
         });
-        self.rays.load(Ordering::Relaxed)
+        std::mem::take(&mut *self.rays.lock().unwrap_or_else(|e| e.into_inner()))
     }
 
     /// The next tile; `None` when all are taken or it is time to stop.
     pub fn next(&self) -> Option<Tile> {
-        if self.observer.should_stop() {
-            return None;
+        while !self.observer.should_stop() {
+            let n = self.next.fetch_add(1, Ordering::Relaxed);
+            if n >= self.visits {
+                return None;
+            }
+            let (tile, visit) = ((n % self.tiles) as u32, (n / self.tiles) as u32);
+            let (all, weight) = self.pass.samples_of(tile as usize);
+            let first = all.start + visit * VISIT;
+            if first >= all.end {
+                continue;
+            }
+            let (x, y) = (tile % self.columns * SIDE, tile / self.columns * SIDE);
+            let r = &self.pass.region;
+            let samples = first..all.end.min(first.saturating_add(VISIT));
+            return Some(Tile { x, y, width: SIDE.min(r.width - x), height: SIDE.min(r.height - y), samples, weight });
         }
-        let n = self.next.fetch_add(1, Ordering::Relaxed);
-        if n >= self.visits {
-            return None;
-        }
-        let (tile, visit) = ((n % self.tiles) as u32, (n / self.tiles) as u32);
-        let (x, y) = (tile % self.columns * SIDE, tile / self.columns * SIDE);
-        let (r, all) = (&self.pass.region, &self.pass.samples);
-        let first = all.start + visit * VISIT;
-        let samples = first..all.end.min(first.saturating_add(VISIT));
-        Some(Tile { x, y, width: SIDE.min(r.width - x), height: SIDE.min(r.height - y), samples })
+        None
     }
 
     /// How many samples a visit has.
@@ -123,16 +135,24 @@ impl<'a> Tiles<'a> {
         })
     }
 
-    /// Hands the sums of a tile over, for which `rays` were traced since the last time.
-    pub fn done(&self, tile: &Tile, pixels: &[Batch], rays: u64) {
+    /// Hands the sums of a tile over, the picture's and each layer's, and the rays traced since the last time.
+    pub fn done(&self, tile: &Tile, pixels: &[[Batch; TILE]], rays: &mut Rays) {
         let mut film = self.film.lock().unwrap_or_else(|e| e.into_inner());
         let width = film.width();
-        for (i, p) in pixels[..(tile.width * tile.height) as usize].iter().enumerate() {
-            let (x, y) = (tile.x + i as u32 % tile.width, tile.y + i as u32 / tile.width);
-            film.pixels_mut()[(y * width + x) as usize].add(p);
+        for (layer, batches) in pixels.iter().enumerate() {
+            let sums = if layer == 0 { film.pixels_mut() } else { film.layer_pixels_mut(layer - 1) };
+            for (i, p) in batches[..(tile.width * tile.height) as usize].iter().enumerate() {
+                let (x, y) = (tile.x + i as u32 % tile.width, tile.y + i as u32 / tile.width);
+                sums[(y * width + x) as usize].add(p, tile.weight);
+            }
         }
         drop(film);
-        self.rays.fetch_add(rays, Ordering::Relaxed);
-        self.observer.advance(u64::from(self.samples_of(tile)), rays);
+        self.observer.advance(u64::from(self.samples_of(tile)), rays.total());
+        self.rays.lock().unwrap_or_else(|e| e.into_inner()).merge(&std::mem::take(rays));
     }
+}
+
+/// Columns and rows of tiles.
+pub fn tiles_of(region: &Region) -> [u32; 2] {
+    [region.width.div_ceil(SIDE), region.height.div_ceil(SIDE)]
 }

@@ -4,10 +4,13 @@
 //! takes group after group of sixteen through one bounce; those that live on are written back without gaps, those that
 //! end are added to their pixels.
 
+use super::bounce::bounce;
+use super::path_classes::PathClasses;
 use super::path_state::{FIELDS, PathState, Shade};
-use super::tiles::{Sample, TILE, Tile, Tiles};
-use super::{Integrator, Observer, Pass};
+use super::tiles::{Sample, TILE, Tile, Tiles, VISIT};
+use super::{Integrator, Observer, Pass, Rays};
 use crate::film::{Batch, Film};
+use crate::math::Rgb;
 use crate::sampling::Sampler;
 use crate::scene::Scene;
 use rebond_lanes::{F32x16, Index, Mask, Real};
@@ -23,10 +26,11 @@ pub struct Wavefront<'a, S> {
     pub scene: &'a Scene,
     pub sampler: Sampler,
     pub shade: S,
+    pub classes: Option<PathClasses>,
 }
 
 impl<S: Shade> Integrator for Wavefront<'_, S> {
-    fn add_samples(&self, film: &Mutex<Film>, pass: &Pass, observer: &dyn Observer) -> u64 {
+    fn add_samples(&self, film: &Mutex<Film>, pass: &Pass, observer: &dyn Observer) -> Rays {
         Tiles::new(film, pass, observer).run(|tiles| Worker::new(self, tiles).run())
     }
 }
@@ -34,9 +38,36 @@ impl<S: Shade> Integrator for Wavefront<'_, S> {
 /// A tile some of whose paths are under way.
 struct OpenTile {
     tile: Tile,
-    pixels: [Batch; TILE],
+    /// Sums of the picture, and of each layer.
+    pixels: Vec<[Batch; TILE]>,
+    /// Light of each sample by layers; see [`OpenTile::place`].
+    layers: Vec<[f32; 3]>,
     /// Samples not yet finished.
     left: u32,
+}
+
+impl OpenTile {
+    fn new(tile: Tile, left: u32, layers: usize) -> Self {
+        let of_samples = vec![[0.0; 3]; layers * TILE * VISIT as usize];
+        Self { tile, pixels: vec![[Batch::default(); TILE]; 1 + layers], layers: of_samples, left }
+    }
+
+    /// Where the light of a sample in a layer is kept.
+    fn place(&self, layer: usize, pixel: usize, sample: u32) -> usize {
+        (layer * TILE + pixel) * VISIT as usize + (sample - self.tile.samples.start) as usize
+    }
+
+    /// Hands the light of all samples over to the sums of the layers.
+    fn sum_layers(&mut self) {
+        for (layer, sums) in self.pixels[1..].iter_mut().enumerate() {
+            for (pixel, sum) in sums[..(self.tile.width * self.tile.height) as usize].iter_mut().enumerate() {
+                let first = (layer * TILE + pixel) * VISIT as usize;
+                for light in &self.layers[first..first + self.tile.samples.len()] {
+                    sum.add(*light, self.tile.weight);
+                }
+            }
+        }
+    }
 }
 
 struct Worker<'a, S> {
@@ -47,12 +78,13 @@ struct Worker<'a, S> {
     open: Vec<Option<Box<OpenTile>>>,
     /// The tile that new paths come from: its place in `open`, and its next sample.
     source: Option<(usize, u32)>,
-    rays: u64,
+    rays: Rays,
 }
 
 impl<'a, S: Shade> Worker<'a, S> {
     fn new(engine: &'a Wavefront<'a, S>, tiles: &'a Tiles<'a>) -> Self {
-        Self { engine, tiles, columns: vec![0.0; FIELDS * STRIDE], paths: 0, open: Vec::new(), source: None, rays: 0 }
+        let (columns, rays) = (vec![0.0; FIELDS * STRIDE], Rays::default());
+        Self { engine, tiles, columns, paths: 0, open: Vec::new(), source: None, rays }
     }
 
     fn run(&mut self) {
@@ -73,21 +105,29 @@ impl<'a, S: Shade> Worker<'a, S> {
 
     /// Takes one group a bounce further; writes those that live on at `to`, and returns how many they are.
     fn bounce(&mut self, at: usize, active: <F32x16 as Real>::Mask, coherent: bool, to: usize) -> usize {
-        let scene = self.engine.scene;
-        let mut path = PathState::<F32x16>::load(&self.columns, STRIDE, at, &self.engine.sampler);
-        let hit = scene.intersect(&path.ray(), active, coherent);
-        self.rays += u64::from(active.count());
-        let bounce = self.engine.shade.shade(scene, &mut path, &hit, active);
-        if let Some(shadow) = bounce.shadow {
-            let blocked = scene.occluded(&shadow.ray, shadow.mask);
-            path.add_contribution(shadow.contribution, shadow.mask.and_not(blocked));
-            self.rays += u64::from(shadow.mask.count());
+        let engine = self.engine;
+        let mut path = PathState::<F32x16>::load(&self.columns, STRIDE, at, &engine.sampler);
+        let depth = path.depth;
+        let open = &mut self.open;
+        let classes = engine.classes.as_ref();
+        let step = bounce(engine.scene, &engine.shade, classes, &mut path, active, coherent, |path, layer, light| {
+            if classes.is_some_and(|c| c.layers() > 0) {
+                deposit(open, path, layer, light);
+            }
+        });
+        let mut left = active;
+        while left.any() {
+            let first = depth.lane(left.bits().trailing_zeros() as usize % LANES);
+            let same = left & depth.eq(Index::splat(first));
+            self.rays.add(first, same.count());
+            left = left.and_not(same);
         }
-        let ended = active.and_not(bounce.alive);
+        self.rays.shadow += u64::from(step.shadow_rays.count());
+        let ended = active.and_not(step.alive);
         if ended.any() {
             self.finish(&path, ended.bits());
         }
-        path.compress(bounce.alive & active, &mut self.columns, STRIDE, to)
+        path.compress(step.alive, &mut self.columns, STRIDE, to)
     }
 
     /// Adds the paths of these lanes to their pixels.
@@ -104,10 +144,11 @@ impl<'a, S: Shade> Worker<'a, S> {
             let slot = slot[lane].to_bits() as usize;
             let place = &mut self.open[slot / TILE];
             let open = place.as_mut().expect("paths of an open tile");
-            open.pixels[slot % TILE].add([r[lane], g[lane], b[lane]]);
+            open.pixels[0][slot % TILE].add([r[lane], g[lane], b[lane]], open.tile.weight);
             open.left -= 1;
             if open.left == 0 {
-                self.tiles.done(&open.tile, &open.pixels, std::mem::take(&mut self.rays));
+                open.sum_layers();
+                self.tiles.done(&open.tile, &open.pixels, &mut self.rays);
                 *place = None;
             }
         }
@@ -128,7 +169,8 @@ impl<'a, S: Shade> Worker<'a, S> {
     fn open_tile(&mut self) -> Option<(usize, u32)> {
         let tile = self.tiles.next()?;
         let left = self.tiles.samples_of(&tile);
-        let open = Some(Box::new(OpenTile { tile, pixels: [Batch::default(); TILE], left }));
+        let layers = self.engine.classes.as_ref().map_or(0, PathClasses::layers);
+        let open = Some(Box::new(OpenTile::new(tile, left, layers)));
         let place = match self.open.iter().position(Option::is_none) {
             Some(free) => free,
             None => {
@@ -159,5 +201,24 @@ impl<'a, S: Shade> Worker<'a, S> {
         );
         let mask = Mask::from_bits(((1_u64 << n) - 1) as u32);
         self.paths += path.compress(mask, &mut self.columns, STRIDE, self.paths);
+    }
+}
+
+/// Keeps light by layers, lane by lane.
+#[inline(never)]
+fn deposit(
+    open: &mut [Option<Box<OpenTile>>],
+    path: &PathState<F32x16>,
+    layer: <F32x16 as Real>::Index,
+    light: Rgb<F32x16>,
+) {
+    let mut lanes = (light.is_lit() & layer.ne(Index::splat(0))).bits();
+    while lanes != 0 {
+        let lane = lanes.trailing_zeros() as usize % LANES;
+        lanes &= lanes - 1;
+        let slot = path.slot.lane(lane) as usize;
+        let tile = open[slot / TILE].as_mut().expect("paths of an open tile");
+        let place = tile.place(layer.lane(lane) as usize - 1, slot % TILE, path.sample.lane(lane));
+        tile.layers[place].iter_mut().zip(light.lane(lane)).for_each(|(sum, x)| *sum += x);
     }
 }

@@ -263,6 +263,12 @@ impl Scene {
         Some(self.emitters.sample(emitter, p, sampling, u, mask).chosen_with(probability))
     }
 
+    /// Radiance of all surroundings along the unit direction `w`.
+    #[inline(always)]
+    pub fn sky<F: Real>(&self, w: Vec3<F>) -> Rgb<F> {
+        self.emitters.environments.iter().fold(Rgb::black(), |sum, (_, environment)| sum + environment.eval(w).0)
+    }
+
     /// Light of the surroundings along the unit direction `w` as seen from `p`: each one's radiance and the density
     /// with which [`Scene::sample_light`] would have found it.
     #[inline(always)]

@@ -1,0 +1,63 @@
+//! One bounce of camera paths: what both engines do between a ray and the next.
+
+use super::path_classes::PathClasses;
+use super::path_state::{PathState, Shade};
+use crate::math::Rgb;
+use crate::scene::Scene;
+use rebond_bvh::Trace;
+use rebond_lanes::{Index, Mask};
+
+/// What became of paths at a bounce.
+pub struct Bounced<F: Trace> {
+    /// Paths that go on.
+    pub alive: F::Mask,
+    /// Lanes that traced a shadow ray.
+    pub shadow_rays: F::Mask,
+}
+
+/// Traces the rays of the `active` lanes, lets the estimator handle what they hit, and traces its shadow rays. Light counts only
+/// if it is of a class that is wanted; `deposit` is told of all that counts, with its layer's number + 1.
+#[inline(always)]
+pub fn bounce<F: Trace>(
+    scene: &Scene,
+    shade: &impl Shade,
+    classes: Option<&PathClasses>,
+    path: &mut PathState<F>,
+    active: F::Mask,
+    coherent: bool,
+    mut deposit: impl FnMut(&PathState<F>, F::Index, Rgb<F>),
+) -> Bounced<F> {
+    let gathered = path.radiance();
+    path.set_radiance(Rgb::black());
+    let hit = scene.intersect(&path.ray(), active, coherent);
+    let bounce = shade.shade(scene, path, &hit, active);
+    if let Some(classes) = classes {
+        // What the estimator added came along the present ray.
+        let layer = classes.light::<F>(path.class);
+        let light = path.radiance().masked(layer.ne(F::Index::splat(0)));
+        path.set_radiance(light);
+        deposit(path, layer, light);
+    }
+    let mut shadow_rays = F::Mask::splat(false);
+    if let Some(shadow) = bounce.shadow {
+        let mut layer = F::Index::splat(0);
+        shadow_rays = shadow.mask;
+        if let Some(classes) = classes {
+            layer = classes.light::<F>(classes.step::<F>(path.class, shadow.event));
+            shadow_rays = shadow_rays & layer.ne(F::Index::splat(0));
+        }
+        let blocked = scene.occluded(&shadow.ray, shadow_rays);
+        let light = shadow.contribution.masked(shadow_rays.and_not(blocked));
+        path.set_radiance(path.radiance() + light);
+        if classes.is_some() {
+            deposit(path, layer, light);
+        }
+    }
+    path.set_radiance(gathered + path.radiance());
+    let mut alive = bounce.alive & active;
+    if let Some(classes) = classes {
+        path.class = classes.step::<F>(path.class, bounce.event);
+        alive = alive & classes.may_count::<F>(path.class);
+    }
+    Bounced { alive, shadow_rays }
+}
