@@ -89,6 +89,8 @@ fn json_is_one_object_with_the_statistics() {
         "render_seconds",
         "samples",
         "rays",
+        "rays_by_depth",
+        "shadow_rays",
         "dropped_samples",
         "peak_memory_bytes",
         "error",
@@ -100,6 +102,10 @@ fn json_is_one_object_with_the_statistics() {
     assert_eq!(object["integrator"], "path");
     assert_eq!(object["samples"], 20 * 18 * 4);
     assert!(object["rays"].as_u64() > object["samples"].as_u64());
+    let by_depth = object["rays_by_depth"].as_array().expect("a list");
+    assert_eq!((by_depth.len(), &by_depth[0]), (3, &object["samples"]));
+    let all = by_depth.iter().chain([&object["shadow_rays"]]).map(|n| n.as_u64().expect("a number")).sum::<u64>();
+    assert_eq!(object["rays"], all);
     assert_eq!(object["dropped_samples"], 0);
     assert_eq!(object["biased"], true);
     assert_eq!(object["outputs"], serde_json::json!(["cornell-box.png", "cornell-box.exr"]));
@@ -163,6 +169,49 @@ fn a_crop_is_a_part_of_the_picture() {
             assert!(p.data == expected, "{}", p.name);
         }
     }
+}
+
+/// Layers stand in the EXR, and beside the other formats; with the sum of the picture.
+#[test]
+fn light_is_split_into_layers() {
+    let folder = temporary();
+    let written = answer(&folder, &small(&["--split", "LE,L.*DE", "-o", "a.exr", "-o", "a.png"]));
+    assert_eq!(written, "a.exr\na.png\na-LE.png\na-L._DE.png\na-rest.png\n");
+    let exr = image(&folder, "a.exr");
+    // Names of channels cannot hold what expressions can: the file keeps them as they are, but for dots.
+    let layers: Vec<&str> = exr.layers.iter().map(|l| &*l.name).collect();
+    assert_eq!(exr.layers.len(), 6, "{layers:?}");
+    let whole = exr.rgb("").expect("colours");
+    let parts: Vec<_> = ["LE", "L.*DE", "rest"].iter().map(|l| exr.rgb(l).unwrap_or_else(|| panic!("{l}"))).collect();
+    for (i, pixel) in whole.iter().enumerate() {
+        let sum: f32 = parts.iter().map(|p| p[i][1]).sum();
+        assert!((sum - pixel[1]).abs() <= 1e-5 * pixel[1], "{sum} for {}", pixel[1]);
+    }
+    // What is left out is said, unless nothing is to be said or JSON says it.
+    let clamped = run(&folder, &small(&["-i", "path:max_depth=2"]));
+    assert_eq!(text(&clamped.stderr), "note: biased: paths of more than max_depth=2 segments are left out\n");
+    for (arguments, part) in [
+        (["--split", "LXE"], "'X' stands for nothing"),
+        (["--split", "LE,LE"], "twice"),
+        (["-i", "path:paths=DE"], "begin with L"),
+        (["-i", "path:mode=explicitly"], "explicit"),
+    ] {
+        let output = run(&folder, &small(&arguments));
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+        assert!(text(&output.stderr).contains(part), "{}", text(&output.stderr));
+    }
+}
+
+/// Samples of an adaptive render differ from tile to tile.
+#[test]
+fn an_error_is_reached_by_samples_where_they_help() {
+    let folder = temporary();
+    let arguments = ["render", "veach-mis", "--size", "96x64", "--error", "0.2", "-o", "a.exr", "--json"];
+    let object = json(&answer(&folder, &arguments));
+    assert!(object["error"].as_f64().expect("a number") <= 0.2);
+    let samples = image(&folder, "a.exr").layer("samples").expect("samples").channels[0].data.clone();
+    let most = samples.iter().fold(0.0_f32, |a, b| a.max(*b));
+    assert!(samples.iter().any(|n| *n < most), "all have {most}");
 }
 
 /// Whether the process has come to catch SIGINT (2), where the system tells.
