@@ -7,15 +7,16 @@
 //! Samples reach them by way of a [`Batch`], which is as exact: it adds up f64s that are cut into pieces so short that
 //! a few of them lose nothing.
 
+use super::splats::{Gathered, Splats};
 use super::{Channel, Image, Layer};
 use crate::math::{self, Moments};
 
 /// Fraction bits of the sums of values and of squares. Sums of squares lose the variance of samples below about 10⁻⁹.
-const VALUE_BITS: i32 = 64;
-const SQUARE_BITS: i32 = 64;
+pub(super) const VALUE_BITS: i32 = 64;
+pub(super) const SQUARE_BITS: i32 = 64;
 
 /// Where sums of squares stop, 2⁶¹ or 2·10¹⁸: once there they stay, in whatever order they are added.
-const SQUARES_REACH: i128 = 1 << 125;
+pub(super) const SQUARES_REACH: i128 = 1 << 125;
 
 /// Values of this size and beyond are taken for errors, as infinities and NaN are.
 pub const LARGEST_SAMPLE: f32 = 4_294_967_296.0; // 2³²
@@ -109,9 +110,15 @@ pub struct Pixel {
 }
 
 /// Bits of a weight below 1; those above are as many.
-const WEIGHT_BITS: i32 = 8;
+pub(super) const WEIGHT_BITS: i32 = 8;
 
 impl Pixel {
+    /// A pixel of these sums; `counts` are the sum of its weights, that of their squares and the number of samples.
+    pub(super) fn of_sums(sum: [i128; 3], squares: [i128; 3], counts: [u64; 3]) -> Self {
+        let [weights, squared_weights, samples] = counts;
+        Self { sum, squares, weights, squared_weights, samples, dropped: 0 }
+    }
+
     /// Adds a batch of samples of this weight, a power of two between 2⁻⁸ and 2⁸.
     pub fn add(&mut self, batch: &Batch, weight: f32) {
         let weight = (weight * f32::powi(2.0, WEIGHT_BITS)) as u64;
@@ -184,6 +191,17 @@ pub struct Film {
     pixels: Vec<Pixel>,
     /// Parts of the picture, with their names.
     layers: Vec<(String, Vec<Pixel>)>,
+    /// Light of all of them that came from other pixels' samples.
+    splats: Gathered,
+}
+
+/// What is known of a pixel: all its light together.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Value {
+    /// The mean.
+    pub mean: [f64; 3],
+    /// The variance of that mean.
+    pub variance: [f64; 3],
 }
 
 impl Film {
@@ -202,7 +220,7 @@ impl Film {
             Some(pixels)
         };
         let layers = layers.iter().map(|name| Some((name.clone(), black()?))).collect::<Option<_>>()?;
-        Some(Self { width, height, pixels: black()?, layers })
+        Some(Self { width, height, pixels: black()?, layers, splats: Gathered::default() })
     }
 
     /// Width in pixels.
@@ -215,7 +233,8 @@ impl Film {
         self.height
     }
 
-    /// The pixels, row by row from the top left.
+    /// What the pixels' own samples brought, row by row from the top left. Light that was splatted is not in it: [`Film::values`]
+    /// has all.
     pub fn pixels(&self) -> &[Pixel] {
         &self.pixels
     }
@@ -238,6 +257,35 @@ impl Film {
         &mut self.layers[layer].1
     }
 
+    /// Adds what a run of paths brings, each of which counts as much as `weight`.
+    pub fn splat(&mut self, splats: &Splats, weight: f32) {
+        self.splats.add(splats, weight, self.pixels.len());
+    }
+
+    /// All light of the picture's pixels.
+    pub fn values(&self) -> impl Iterator<Item = Value> {
+        self.sheet(0, &self.pixels)
+    }
+
+    /// All light of a layer's pixels.
+    ///
+    /// # Panics
+    /// If there is no such layer.
+    pub fn layer_values(&self, layer: usize) -> impl Iterator<Item = Value> {
+        self.sheet(layer + 1, &self.layers[layer].1)
+    }
+
+    fn sheet<'a>(&'a self, number: usize, pixels: &'a [Pixel]) -> impl Iterator<Item = Value> + 'a {
+        pixels.iter().enumerate().map(move |(i, own)| {
+            let of = |p: &Pixel| (p.mean(), std::array::from_fn::<_, 3, _>(|c| p.moments(c).variance_of_mean()));
+            let (mean, variance) = of(own);
+            let Some(splatted) = self.splats.pixel(number, i) else { return Value { mean, variance } };
+            let more = of(&splatted);
+            let sum = |a: [f64; 3], b: [f64; 3]| std::array::from_fn(|c| a[c] + b[c]);
+            Value { mean: sum(mean, more.0), variance: sum(variance, more.1) }
+        })
+    }
+
     /// Adds what another film of the same size received: for disjoint ranges of samples, the film of their union.
     ///
     /// # Panics
@@ -250,6 +298,7 @@ impl Film {
         for (to, from) in self.layers.iter_mut().zip(&other.layers) {
             merge(&mut to.1, &from.1);
         }
+        self.splats.merge(&other.splats);
     }
 
     /// All samples received.
@@ -259,7 +308,7 @@ impl Film {
 
     /// Samples that were not finite and counted as black.
     pub fn dropped_samples(&self) -> u64 {
-        self.pixels.iter().map(|p| p.dropped).sum()
+        self.pixels.iter().map(|p| p.dropped).sum::<u64>() + self.splats.dropped()
     }
 
     /// The estimated relative error of the picture: the root of the mean over pixels of [`Film::squared_errors`]. Infinite while
@@ -273,14 +322,14 @@ impl Film {
     /// independent, so stratified ones do better than this says. Infinite with fewer than two samples.
     pub fn squared_errors(&self) -> impl Iterator<Item = f64> {
         let luminance = |c: [f64; 3]| math::LUMINANCE.iter().zip(c).map(|(w, x)| f64::from(*w) * x).sum::<f64>();
-        let mean = self.pixels.iter().map(|p| luminance(p.mean())).sum::<f64>() / self.pixels.len() as f64;
-        self.pixels.iter().map(move |p| {
+        let mean = luminance(self.mean());
+        self.pixels.iter().zip(self.values()).map(move |(p, value)| {
             if p.samples < 2 {
                 return f64::INFINITY;
             }
             // The channels of a sample rise and fall together: standard errors add up.
-            let error = luminance(std::array::from_fn(|c| p.moments(c).standard_error()));
-            let l = luminance(p.mean());
+            let error = luminance(value.variance.map(f64::sqrt));
+            let l = luminance(value.mean);
             error * error / (l * l + 0.01 * mean * mean).max(f64::MIN_POSITIVE)
         })
     }
@@ -288,27 +337,26 @@ impl Film {
     /// The mean of all pixels.
     pub fn mean(&self) -> [f64; 3] {
         let n = self.pixels.len() as f64;
-        self.pixels.iter().fold([0.0; 3], |sum, p| {
-            let m = p.mean();
-            std::array::from_fn(|c| sum[c] + m[c] / n)
-        })
+        self.values().fold([0.0; 3], |sum, p| std::array::from_fn(|c| sum[c] + p.mean[c] / n))
     }
 
     /// The picture, the variance of its pixels (of the mean, not of one sample), their sample counts, and its parts, as layers.
     pub fn develop(&self) -> Image {
-        let of = |pixels: &[Pixel], f: &dyn Fn(&Pixel) -> [f64; 3]| -> Vec<[f32; 3]> {
-            pixels.iter().map(|p| f(p).map(|x| x as f32)).collect()
+        let colours = |values: &[Value], f: fn(&Value) -> [f64; 3]| -> Vec<[f32; 3]> {
+            values.iter().map(|v| f(v).map(|x| x as f32)).collect()
         };
-        let colours = |f: &dyn Fn(&Pixel) -> [f64; 3]| of(&self.pixels, f);
-        let parts = self.layers.iter().map(|(name, pixels)| Layer::rgb(name, &of(pixels, &Pixel::mean)));
-        let of_mean = |p: &Pixel| std::array::from_fn(|c| p.moments(c).variance_of_mean());
+        let whole: Vec<Value> = self.values().collect();
+        let parts = self.layers.iter().enumerate().map(|(i, (name, _))| {
+            let values: Vec<Value> = self.layer_values(i).collect();
+            Layer::rgb(name, &colours(&values, |v| v.mean))
+        });
         let samples = Channel { name: "Y".into(), data: self.pixels.iter().map(|p| p.samples as f32).collect() };
         Image {
             width: self.width,
             height: self.height,
             layers: [
-                Layer::rgb("", &colours(&Pixel::mean)),
-                Layer::rgb("variance", &colours(&of_mean)),
+                Layer::rgb("", &colours(&whole, |v| v.mean)),
+                Layer::rgb("variance", &colours(&whole, |v| v.variance)),
                 Layer { name: "samples".into(), channels: vec![samples] },
             ]
             .into_iter()

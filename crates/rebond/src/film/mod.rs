@@ -3,7 +3,9 @@
 mod accumulator;
 mod filter;
 mod image;
+mod splats;
 
-pub use accumulator::{Batch, Film, LARGEST_SAMPLE, Pixel};
+pub use accumulator::{Batch, Film, LARGEST_SAMPLE, Pixel, Value};
 pub use filter::{Filter, FilterSettings};
 pub use image::{Channel, Image, Layer};
+pub use splats::Splats;
