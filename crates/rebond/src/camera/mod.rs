@@ -1,5 +1,9 @@
 //! Cameras: perspective, thin lens, orthographic; at rest or moving.
 
+mod importance;
+
+pub use importance::{LensHit, Sight};
+
 use crate::math::{Vec3, vec3};
 use crate::sampling::warp::uniform_disk;
 use glam::DAffine3;

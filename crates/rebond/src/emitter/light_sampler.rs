@@ -4,7 +4,7 @@ use super::light_tree::LightTree;
 use super::{Emitter, importance};
 use crate::math::Vec3;
 use crate::sampling::Discrete;
-use rebond_lanes::{Index, Mask, Real, Record};
+use rebond_lanes::{Index, Mask, Real, Record, scalar::Index1};
 use serde::{Deserialize, Serialize};
 
 /// How an emitter is chosen.
@@ -22,7 +22,11 @@ const TREE_FROM: usize = 4;
 
 /// A choice among the emitters.
 #[derive(Clone, Debug, Default)]
-pub struct LightSampler(Choice);
+pub struct LightSampler {
+    choice: Choice,
+    /// In proportion to power, for light that leaves to where it will.
+    by_power: Option<Discrete>,
+}
 
 #[derive(Clone, Debug, Default)]
 enum Choice {
@@ -70,7 +74,9 @@ impl LightSampler {
             _ => LightTree::new(emitters),
         };
         let Some(tree) = tree else {
-            return Some(Self(by_power(&power).map_or(Choice::Nothing, Choice::Power)));
+            let by_power = by_power(&power);
+            let choice = by_power.clone().map_or(Choice::Nothing, Choice::Power);
+            return Some(Self { choice, by_power });
         };
         let far: Vec<usize> = (0..emitters.len()).filter(|i| !placed(&emitters[*i])).collect();
         let power_of_far: Vec<f64> = far.iter().map(|i| power[*i]).collect();
@@ -90,7 +96,8 @@ impl LightSampler {
                 *kind = Record::default();
             }
         }
-        Some(Self(Choice::Tree(Box::new(Apart { tree, kinds, infinite }))))
+        let choice = Choice::Tree(Box::new(Apart { tree, kinds, infinite }));
+        Some(Self { choice, by_power: by_power(&power) })
     }
 
     /// An emitter for the point `p` with normal `n` (zero if it has none), and the probability of that choice; `None` in a
@@ -103,7 +110,7 @@ impl LightSampler {
         u: impl FnOnce() -> F,
         mask: F::Mask,
     ) -> Option<(F::Index, F)> {
-        match &self.0 {
+        match &self.choice {
             Choice::Nothing => None,
             Choice::Power(by_power) => {
                 let u = if by_power.len() == 1 { F::zero() } else { u() };
@@ -116,16 +123,27 @@ impl LightSampler {
     /// The probability with which [`LightSampler::sample`] chooses this emitter.
     #[inline(always)]
     pub fn probability<F: Real>(&self, p: Vec3<F>, n: Vec3<F>, emitter: F::Index, mask: F::Mask) -> F {
-        match &self.0 {
+        match &self.choice {
             Choice::Nothing => F::zero(),
             Choice::Power(by_power) => by_power.probability(emitter),
             Choice::Tree(apart) => apart.probability(p, n, emitter, mask),
         }
     }
 
+    /// An emitter that light leaves from, and the probability of that choice: by power. `None` in a scene without light.
+    pub fn source(&self, u: f32) -> Option<(u32, f32)> {
+        let (emitter, probability) = self.by_power.as_ref()?.sample::<f32>(u);
+        Some((emitter.lane(0), probability))
+    }
+
+    /// The probability with which [`LightSampler::source`] chooses this emitter.
+    pub fn source_probability(&self, emitter: u32) -> f32 {
+        self.by_power.as_ref().map_or(0.0, |by_power| by_power.probability::<f32>(Index1(emitter)))
+    }
+
     /// Bytes of a tree.
     pub fn bytes(&self) -> usize {
-        match &self.0 {
+        match &self.choice {
             Choice::Tree(apart) => apart.tree.bytes() + apart.kinds.len() * size_of::<Record>(),
             _ => 0,
         }

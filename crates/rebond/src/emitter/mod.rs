@@ -4,10 +4,12 @@
 //! the business of a [`LightSampler`].
 
 mod blur;
+mod emission;
 mod environment;
 mod light_sampler;
 mod light_tree;
 
+pub use emission::{Emission, EmissionPdf};
 pub use environment::{Environment, EnvironmentImage};
 pub use light_sampler::{LightChoice, LightSampler};
 
@@ -239,6 +241,8 @@ pub struct Emitters {
     present: u32,
     /// The surroundings, each with its emitter's number.
     pub environments: Vec<(u32, Environment)>,
+    /// Centre and radius of what infinite emitters shine on.
+    sphere: ([f32; 3], f32),
 }
 
 /// Light from one emitter at a point.
@@ -320,7 +324,7 @@ impl Emitters {
         let present = (0..emitters.len()).fold(0, |bits, i| bits | 1 << kind(i));
         let numbers = (0..emitters.len()).filter(|i| kind(*i) == Kind::Environment as u32).map(|i| i as u32);
         let environments = numbers.zip(environments).collect();
-        Self { table, present, environments }
+        Self { table, present, environments, sphere: ([0.0; 3], 1.0) }
     }
 
     /// How many there are.

@@ -1108,7 +1108,11 @@ impl<'a> Builder<'a> {
                 BuildError::new("emitters", "the power of a light is not a finite number")
                     .help("is a light or the scene too large?")
             })?;
-        let emitters = Emitters::new(&self.emitters, self.environments);
+        let center = if lo[0] <= hi[0] { (Vec3::from(lo) + Vec3::from(hi)) / 2.0 } else { Vec3::ZERO };
+        // Where light may meet the lens it must be able to start before it.
+        let to_lens = |(at, reach): ([f32; 3], f32)| (Vec3::from(at) - center).length() + reach;
+        let reach = camera.lens_bounds().into_iter().map(to_lens).fold(radius, f32::max);
+        let emitters = Emitters::new(&self.emitters, self.environments).around(center.to_array(), reach * 1.0001);
         let tables = [&primitives, &self.vertices, &self.normals, &self.shapes, &self.analytic, &self.materials];
         let bytes = tables.iter().map(|t| t.len() * size_of::<Record>()).sum::<usize>() + self.textures.bytes();
         let bytes = bytes + self.measured.bytes();
