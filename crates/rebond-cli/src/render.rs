@@ -196,10 +196,11 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
         true => ["png", "exr"].map(|e| PathBuf::from(format!("{}.{e}", source.name))).to_vec(),
     };
     let layers = a.split.as_ref().map_or(&[][..], |s| &s.0);
-    let of_layers = layer_outputs(&outputs, layers.iter().map(|l| &*l.name));
+    let settings = integrator.unwrap_or_else(|| source.description.integrator.clone());
+    let layer_names: Vec<String> = layers.iter().map(|l| l.name.clone()).chain(settings.own_layers()).collect();
+    let of_layers = layer_outputs(&outputs, layer_names.iter().map(|name| &**name));
     check(&outputs)?;
     check(&of_layers.iter().map(|(_, path)| path.clone()).collect::<Vec<_>>())?;
-    let settings = integrator.unwrap_or_else(|| source.description.integrator.clone());
     let adaptive = a.adaptive || a.error.is_some();
     let mut budget = Budget { samples: a.spp, time: a.time, error: a.error, adaptive };
     if (a.spp, a.time, a.error) == (None, None, None) {
@@ -239,8 +240,7 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
     {
         note(&format!("note: biased: {what}"));
     }
-    let names: Vec<String> = layers.iter().map(|l| l.name.clone()).collect();
-    let mut film = Film::try_new(region.width, region.height, &names).ok_or_else(|| {
+    let mut film = Film::try_new(region.width, region.height, &layer_names).ok_or_else(|| {
         Failure::Run(format!(
             "not enough memory for a film of {}x{} pixels; render it in parts with --crop",
             region.width, region.height

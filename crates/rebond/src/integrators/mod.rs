@@ -13,13 +13,18 @@
 //! and differs from the others in how it draws the paths X_i. One file per algorithm; none imports another.
 
 mod ambient_occlusion;
+mod bidirectional;
 mod direct;
+mod light;
 mod path;
 mod recursive;
 
+pub use crate::transport::{Heuristic, Roulette};
 pub use ambient_occlusion::{AmbientOcclusionSampling, AmbientOcclusionSettings};
+pub use bidirectional::BidirectionalSettings;
 pub use direct::{DirectSampling, DirectSettings, Factor};
-pub use path::{PathMode, PathSettings, Roulette};
+pub use light::LightSettings;
+pub use path::{PathMode, PathSettings};
 pub use recursive::RecursiveSettings;
 
 use crate::emitter::LightSampling;
@@ -40,6 +45,10 @@ pub enum IntegratorSettings {
     Path(PathSettings),
     /// N rays at every hit.
     Recursive(RecursiveSettings),
+    /// Light tracing.
+    Light(LightSettings),
+    /// Bidirectional path tracing.
+    Bidirectional(BidirectionalSettings),
 }
 
 impl Default for IntegratorSettings {
@@ -81,6 +90,16 @@ pub const INTEGRATORS: &[IntegratorInfo] = &[
         summary: "N rays at every hit, to see why one is enough",
         settings: recursive::SETTINGS,
     },
+    IntegratorInfo {
+        name: "light",
+        summary: "light tracing: paths from the lights, each vertex connected to the camera",
+        settings: light::SETTINGS,
+    },
+    IntegratorInfo {
+        name: "bidirectional",
+        summary: "bidirectional path tracing: paths from both ends, connected in every way, weighed against each other",
+        settings: bidirectional::SETTINGS,
+    },
 ];
 
 /// Settings that do not go together, or not with the scene.
@@ -93,6 +112,23 @@ pub struct IntegratorError {
     pub help: String,
 }
 
+/// Whether paths end, and how.
+fn check_ending(
+    roulette: Roulette,
+    survival: f32,
+    max_depth: Option<std::num::NonZeroU32>,
+) -> Result<(), IntegratorError> {
+    let error = |message: String, help: &str| Err(IntegratorError { message, help: help.into() });
+    if !(survival > 0.0 && survival <= 1.0) {
+        return error(format!("survival = {survival} is no probability above 0"), "give one such as 0.8");
+    }
+    if (roulette == Roulette::None || survival == 1.0) && max_depth.is_none() {
+        let message = "paths would never end where light is not absorbed".to_owned();
+        return error(message, "add max_depth=N, or roulette=throughput and survival below 1");
+    }
+    Ok(())
+}
+
 impl IntegratorSettings {
     /// Its name.
     pub fn name(&self) -> &'static str {
@@ -101,6 +137,8 @@ impl IntegratorSettings {
             Self::Direct(_) => "direct",
             Self::Path(_) => "path",
             Self::Recursive(_) => "recursive",
+            Self::Light(_) => "light",
+            Self::Bidirectional(_) => "bidirectional",
         }
     }
 
@@ -118,6 +156,8 @@ impl IntegratorSettings {
             Self::Recursive(settings) => {
                 Some(format!("paths of more than depth={} segments are left out", settings.depth))
             }
+            Self::Light(settings) => Some(settings.leaves_out()),
+            Self::Bidirectional(settings) => settings.leaves_out(),
         }
     }
 
@@ -126,6 +166,16 @@ impl IntegratorSettings {
         match self {
             Self::AmbientOcclusion(_) | Self::Direct(_) | Self::Recursive(_) => None,
             Self::Path(settings) => settings.paths.as_ref(),
+            Self::Light(settings) => settings.paths.as_ref(),
+            Self::Bidirectional(settings) => settings.paths.as_ref(),
+        }
+    }
+
+    /// Names of the layers that it writes by itself. Its films have them after those that paths are sorted into.
+    pub fn own_layers(&self) -> Vec<String> {
+        match self {
+            Self::Bidirectional(settings) => settings.layers(),
+            _ => Vec::new(),
         }
     }
 
@@ -160,7 +210,7 @@ impl IntegratorSettings {
             };
         if classes.is_some() && matches!(self, Self::AmbientOcclusion(_) | Self::Recursive(_)) {
             let message = format!("{} does not tell paths apart", self.name());
-            return Err(IntegratorError { message, help: "use path or direct".into() });
+            return Err(IntegratorError { message, help: "use path, direct, light or bidirectional".into() });
         }
         Ok(match self {
             Self::AmbientOcclusion(settings) => {
@@ -179,6 +229,10 @@ impl IntegratorSettings {
                 }
             },
             Self::Recursive(settings) => Box::new(recursive::Recursive::new(*settings, scene, sampler)?),
+            Self::Light(settings) => Box::new(light::Light::new(settings, scene, sampler, classes)?),
+            Self::Bidirectional(settings) => {
+                Box::new(bidirectional::Bidirectional::new(settings, scene, sampler, classes)?)
+            }
         })
     }
 }

@@ -15,23 +15,14 @@
 //! Where only one of the two can find the light (points and beams, mirrors and glass, the eye's own ray), it has the
 //! weight 1 in every mode. Implicit paths never find points and beams.
 //!
-//! Past `rr_depth` segments a path survives with probability q, and counts 1/q when it does: Russian roulette (Arvo and
-//! Kirk 1990).
-//!
-//! | `roulette` | q |
-//! |---|---|
-//! | `none` | 1 |
-//! | `constant` | `survival` |
-//! | `albedo` | max channel of f_r \|cosθ\| / pdf(bsdf), which is ρ for a diffuse surface; at most `survival` |
-//! | `throughput` | max channel of the throughput · η², which undoes what refraction did to radiance; at most `survival` |
+//! Past `rr_depth` segments paths end by Russian roulette ([`Roulette`]).
 
 use super::IntegratorError;
 use crate::bsdf::TransportMode;
 use crate::emitter::LightSampling;
-use crate::math::Rgb;
 use crate::render::{Bounce, PathExpression, PathState, Shade, ShadowRay};
 use crate::scene::{Scene, is_hit};
-use crate::transport::power_heuristic;
+use crate::transport::{Roulette, power_heuristic};
 use rebond_bvh::Hit;
 use rebond_lanes::{Index, Mask, Real};
 use serde::{Deserialize, Serialize};
@@ -48,21 +39,6 @@ pub enum PathMode {
     /// By both, weighed against each other.
     #[default]
     Mis,
-}
-
-/// The probability with which a path survives Russian roulette.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Roulette {
-    /// One: paths end by `max_depth` alone.
-    None,
-    /// The same everywhere.
-    Constant,
-    /// What the surface reflects.
-    Albedo,
-    /// What the path still counts.
-    #[default]
-    Throughput,
 }
 
 /// Settings of path tracing.
@@ -134,14 +110,7 @@ impl<const SOLID_ANGLE: bool> Path<SOLID_ANGLE> {
     pub(super) fn new(settings: &PathSettings, scene: &Scene) -> Result<Self, IntegratorError> {
         let PathSettings { max_depth, rr_depth, mode, roulette, survival, .. } = *settings;
         let error = |message: String, help: &str| Err(IntegratorError { message, help: help.into() });
-        if !(survival > 0.0 && survival <= 1.0) {
-            return error(format!("survival = {survival} is no probability above 0"), "give one such as 0.8");
-        }
-        let endless = roulette == Roulette::None || survival == 1.0;
-        if endless && max_depth.is_none() {
-            let message = "paths would never end where light is not absorbed".to_owned();
-            return error(message, "add max_depth=N, or roulette=throughput and survival below 1");
-        }
+        super::check_ending(roulette, survival, max_depth)?;
         if mode == PathMode::Implicit && scene.emitters().has_unhittable() {
             let message = "implicit paths never find points and beams, and the scene has some".to_owned();
             return error(message, "use mode=explicit or mode=mis, or lights with a surface");
@@ -166,18 +135,6 @@ impl<const SOLID_ANGLE: bool> Path<SOLID_ANGLE> {
             PathMode::Implicit => F::zero(),
             PathMode::Explicit => F::one(),
             PathMode::Mis => F::select(pdf.gt(F::zero()), power_heuristic(pdf, bsdf_pdf), F::one()),
-        }
-    }
-
-    /// q, for a path whose last bounce weighed it by `weight`.
-    #[inline(always)]
-    fn survival<F: Real>(&self, path: &PathState<F>, weight: Rgb<F>) -> F {
-        let most = F::splat(self.survival);
-        match self.roulette {
-            Roulette::None => F::one(),
-            Roulette::Constant => most,
-            Roulette::Albedo => weight.map(F::abs).max().min(most),
-            Roulette::Throughput => (path.throughput().map(F::abs).max() * path.eta_squared).min(most),
         }
     }
 }
@@ -255,7 +212,7 @@ impl<const SOLID_ANGLE: bool> Shade for Path<SOLID_ANGLE> {
         // Russian roulette.
         let gambles = alive.and_not(path.depth.lt(F::Index::splat(self.rr_depth)));
         if gambles.any() {
-            let survival = self.survival(path, next.weight);
+            let survival = self.roulette.survival(self.survival, next.weight, path.throughput() * path.eta_squared);
             let dies = gambles & u.value(ROULETTE).ge(survival);
             alive = alive.and_not(dies);
             path.scale(F::select(gambles, survival.recip(), F::one()));

@@ -284,6 +284,12 @@ impl<F: Real> PathState<F> {
         Rgb::new(self.lr, self.lg, self.lb)
     }
 
+    /// The sample values of this sample of the pixel.
+    #[inline(always)]
+    pub fn stream(&self) -> Stream<F> {
+        self.stream
+    }
+
     /// The sample values of this bounce, of which every bounce uses `per_bounce` dimensions.
     #[inline(always)]
     pub fn dimensions(&self, per_bounce: u32) -> Dimensions<F> {

@@ -1,7 +1,7 @@
 //! The pixels of a pass, handed out tile by tile; and their sums, handed back.
 
 use super::{Observer, Pass, Rays, Region};
-use crate::film::{Batch, Film};
+use crate::film::{Batch, Film, Splats};
 use std::ops::Range;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -133,6 +133,11 @@ impl<'a> Tiles<'a> {
             }
             sample
         })
+    }
+
+    /// Hands over what a tile's samples bring to any pixels.
+    pub fn splat(&self, tile: &Tile, splats: &Splats) {
+        self.film.lock().unwrap_or_else(|e| e.into_inner()).splat(splats, tile.weight);
     }
 
     /// Hands the sums of a tile over, the picture's and each layer's, and the rays traced since the last time.

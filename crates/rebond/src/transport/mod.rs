@@ -1,7 +1,16 @@
 //! What the algorithms share.
 
 pub mod estimator;
+mod eye;
 pub mod irradiance;
+mod roulette;
+mod sheets;
+pub mod sub_path;
+
+pub use eye::{Seen, see, see_source};
+pub use roulette::Roulette;
+pub use sheets::Sheets;
+pub use sub_path::{Heuristic, SubPath, Vertex};
 
 use rebond_lanes::Real;
 

@@ -1,0 +1,451 @@
+//! Light tracing and bidirectional path tracing: they agree with path tracing, with closed forms and with themselves.
+
+mod common;
+
+use common::*;
+use rebond::film::{Channel, Film, Image, Layer};
+use rebond::integrators::IntegratorSettings;
+use rebond::math::Moments;
+use rebond::render::{Budget, PathLayer, Region, render};
+use rebond::sampling::{Sampler, SamplerSettings};
+use rebond_io::{BUILT_IN_SCENES, SceneSource, from_settings};
+
+const LEVEL: f64 = 0.01;
+/// Films of other seeds, by whose spread one is judged.
+const FILMS: u64 = 16;
+/// Side of a block in pixels.
+const BLOCK: usize = 4;
+
+/// The means of blocks of one sheet of a film (0: the picture), row by row.
+fn blocks(film: &Film, sheet: usize) -> Vec<[f64; 3]> {
+    let values: Vec<[f64; 3]> = if sheet == 0 {
+        film.values().map(|v| v.mean).collect()
+    } else {
+        film.layer_values(sheet - 1).map(|v| v.mean).collect()
+    };
+    let (columns, rows) = (film.width() as usize / BLOCK, film.height() as usize / BLOCK);
+    let mean = |b: usize| {
+        let (left, top) = (b % columns * BLOCK, b / columns * BLOCK);
+        let pixels = (0..BLOCK * BLOCK).map(|i| values[(top + i / BLOCK) * columns * BLOCK + left + i % BLOCK]);
+        pixels.fold([0.0; 3], |sum, p| std::array::from_fn(|c| sum[c] + p[c] / (BLOCK * BLOCK) as f64))
+    };
+    (0..columns * rows).map(mean).collect()
+}
+
+/// An image of blocks, of which the spread over films is known: splats tie the pixels of one film together.
+fn image_of(films: &[Vec<[f64; 3]>], columns: usize) -> Image {
+    let moments = |b: usize, c: usize| -> Moments { films.iter().map(|f| f[b][c]).collect() };
+    let n = films[0].len();
+    let layer = |name: &str, f: &dyn Fn(Moments) -> f64| {
+        let block = |b: usize| std::array::from_fn(|c| f(moments(b, c)) as f32);
+        Layer::rgb(name, &(0..n).map(block).collect::<Vec<_>>())
+    };
+    let samples = Channel { name: "Y".into(), data: vec![films.len() as f32; n] };
+    let layers = vec![
+        layer("", &|m| m.mean()),
+        layer("variance", &|m| m.variance_of_mean()),
+        Layer { name: "samples".into(), channels: vec![samples] },
+    ];
+    Image { width: columns as u32, height: (n / columns) as u32, layers }
+}
+
+/// Films of other seeds.
+fn films(source: &SceneSource, integrator: &str, first_seed: u64, samples: u32, layers: &[PathLayer]) -> Vec<Film> {
+    let scene = source.build().expect("a good scene");
+    let settings = settings(integrator);
+    let [width, height] = [source.description.film.width, source.description.film.height];
+    let names: Vec<String> = layers.iter().map(|l| l.name.clone()).chain(settings.own_layers()).collect();
+    let film = |seed: u64| {
+        let sampler = Sampler::new(SamplerSettings::default(), first_seed + seed);
+        let integrator = settings
+            .layered_integrator(&scene, sampler, Job::default().engine, layers)
+            .expect("settings that go together");
+        let mut film = Film::try_new(width, height, &names).expect("memory");
+        let budget = Budget { samples: Some(samples), ..Budget::default() };
+        render(&*integrator, &mut film, Region::whole(width, height), 0, &budget, 2, &());
+        assert_eq!(film.dropped_samples(), 0);
+        film
+    };
+    (0..FILMS).map(film).collect()
+}
+
+fn picture(source: &SceneSource, integrator: &str, first_seed: u64, samples: u32) -> Image {
+    let films: Vec<_> = films(source, integrator, first_seed, samples, &[]).iter().map(|f| blocks(f, 0)).collect();
+    image_of(&films, source.description.film.width as usize / BLOCK)
+}
+
+fn built_in(name: &str) -> String {
+    BUILT_IN_SCENES.iter().find(|b| b.name == name).expect("built in").text.to_owned()
+}
+
+fn changed(name: &str, changes: &[(&str, &str)], size: [u32; 2]) -> SceneSource {
+    let text = changes.iter().fold(built_in(name), |text, (from, to)| {
+        assert!(text.contains(from), "{from} is in {name}");
+        text.replace(from, to)
+    });
+    let mut source = parse(&text);
+    (source.description.film.width, source.description.film.height) = (size[0], size[1]);
+    source
+}
+
+/// Whether integrators agree with the first of them on a scene.
+fn agree_on(name: &str, source: &SceneSource, integrators: &[(&str, u32)], tests: f64) {
+    let (first, samples) = integrators[0];
+    let reference = picture(source, first, 1000, samples);
+    for (i, (integrator, samples)) in integrators[1..].iter().enumerate() {
+        let other = picture(source, integrator, 100 * i as u64, *samples);
+        judge(&other, &reference, 1, LEVEL / (3.0 * tests)).unwrap_or_else(|e| panic!("{name}, {integrator}, {e}"));
+    }
+}
+
+#[test]
+fn diffuse_room() {
+    let source = small("cornell-box", [16, 16]);
+    let all = [("path:max_depth=5", 128), ("light:max_depth=5", 64), ("bidirectional:max_depth=5", 32)];
+    agree_on("cornell-box", &source, &all, 20.0);
+}
+
+#[test]
+fn mirror_and_glass() {
+    let source = small("cornell-spheres", [16, 16]);
+    agree_on("cornell-spheres", &source, &[("path:max_depth=7", 128), ("bidirectional:max_depth=7", 64)], 20.0);
+    // What the eye does not look at in mirrors.
+    let paths = "paths=L.*(D|G)E|LE,max_depth=7";
+    agree_on("cornell-spheres", &source, &[(&format!("path:{paths}"), 128), (&format!("light:{paths}"), 128)], 20.0);
+}
+
+/// Lights of several kinds on rough plates, so that no way to find light brings most of it by a few samples of large weight.
+#[test]
+fn rough_plates() {
+    let source = changed(
+        "veach-mis",
+        &[("alpha = 0.005 ", "alpha = 0.15 "), ("alpha = 0.02 ", "alpha = 0.2 "), ("alpha = 0.05 ", "alpha = 0.3 ")],
+        [16, 16],
+    );
+    let all = [("path:max_depth=4", 128), ("light:max_depth=4", 256), ("bidirectional:max_depth=4", 64)];
+    agree_on("rough veach-mis", &source, &all, 20.0);
+}
+
+/// A point, a spot and a beam, through a lens, while a cube turns.
+#[test]
+fn lights_without_extent() {
+    let source = small("point-lights", [16, 16]);
+    let all = [("path:max_depth=4", 128), ("light:max_depth=4", 128), ("bidirectional:max_depth=4", 64)];
+    agree_on("point-lights", &source, &all, 20.0);
+}
+
+/// Parallel rays, an image of the sky, rough metal, instances.
+#[test]
+fn sky() {
+    let source = changed("sky", &[("{ scale = 30 }", "{ scale = 3 }")], [24, 16]);
+    let all = [("path:max_depth=4", 128), ("bidirectional:max_depth=4", 64)];
+    agree_on("sky", &source, &all, 20.0);
+    // Parallel rays do not see the sky by light.
+    let all = [("path:paths=L.+E,max_depth=4", 128), ("light:paths=L.+E,max_depth=4", 256)];
+    agree_on("sky", &source, &all, 20.0);
+}
+
+/// Shading normals on triangles, the sky.
+#[test]
+fn dragon() {
+    let source = changed("dragon", &[("{ scale = 20 }", "{ scale = 2 }")], [16, 16]);
+    let all = [("path:max_depth=4", 64), ("light:max_depth=4", 256), ("bidirectional:max_depth=4", 32)];
+    agree_on("dragon", &source, &all, 20.0);
+}
+
+/// Through a lens, which light may hit: then light tracing finds what the eye sees in mirrors and glass, too.
+#[test]
+fn through_a_lens() {
+    let lens = "type = \"thin-lens\"\naperture_radius = 60\nfocus_distance = 1000";
+    let source = changed("cornell-spheres", &[("type = \"perspective\"", lens)], [16, 16]);
+    let all = [("path:max_depth=5", 128), ("bidirectional:max_depth=5", 64), ("light:max_depth=5", 512)];
+    agree_on("lens", &source, &all, 20.0);
+}
+
+/// Filters wider than a pixel, one of them negative in parts, and how ways are weighed.
+#[test]
+fn filters_and_heuristics() {
+    for filter in ["{ type = \"mitchell\" }", "{ type = \"box\", radius = 0.8 }"] {
+        let film = format!("[film]\nfilter = {filter}");
+        let source = changed("cornell-box", &[("[film]", &film)], [16, 16]);
+        let all = [
+            ("path:max_depth=3", 128),
+            ("light:max_depth=3", 128),
+            ("bidirectional:max_depth=3,heuristic=balance", 32),
+        ];
+        agree_on(filter, &source, &all, 40.0);
+    }
+}
+
+/// Walks that end by chance, and those that do not.
+#[test]
+fn roulettes_agree() {
+    let source = small("cornell-spheres", [16, 16]);
+    let all = [
+        ("bidirectional:roulette=none,max_depth=16", 16),
+        ("bidirectional:roulette=albedo,rr_depth=1,max_depth=16", 32),
+        ("bidirectional:roulette=constant,survival=0.7,rr_depth=2,max_depth=16", 32),
+        ("bidirectional:rr_depth=1,max_depth=16", 32),
+        ("path:max_depth=16", 128),
+    ];
+    agree_on("cornell-spheres", &source, &all, 20.0);
+}
+
+/// A ball of rough glass in a room.
+#[test]
+fn rough_glass() {
+    let glass = "{ type = \"dielectric\", int_ior = 1.5, alpha = 0.3 }";
+    let source = changed("cornell-spheres", &[("{ type = \"dielectric\", int_ior = 1.5 }", glass)], [16, 16]);
+    let paths = "paths=L.*(D|G|T)E|LE,max_depth=6";
+    let all =
+        [(&*format!("path:{paths}"), 256), (&*format!("bidirectional:{paths}"), 64), (&*format!("light:{paths}"), 128)];
+    agree_on("rough glass", &source, &all, 20.0);
+}
+
+/// A coarse ball with the normals of a sphere, in light from everywhere.
+fn coarse_ball(material: &str) -> SceneSource {
+    let (rings, sides) = (5, 7);
+    let (mut positions, mut normals, mut faces) = (String::new(), String::new(), String::new());
+    for ring in 0..=rings {
+        for side in 0..sides {
+            let (theta, phi) = (
+                std::f64::consts::PI * f64::from(ring) / f64::from(rings),
+                std::f64::consts::TAU * f64::from(side) / f64::from(sides),
+            );
+            let n = [theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin()];
+            positions += &format!("[{}, {}, {}],", n[0], n[1], n[2]);
+            normals += &format!("[{}, {}, {}],", n[0], n[1], n[2]);
+            if ring < rings {
+                let (a, b) = (ring * sides + side, ring * sides + (side + 1) % sides);
+                faces += &format!("[{a}, {b}, {}, {}],", b + sides, a + sides);
+            }
+        }
+    }
+    parse(&format!(
+        r#"
+        film = {{ width = 16, height = 16 }}
+        [camera]
+        type = "perspective"
+        fov = 50
+        to_world.look_at = {{ origin = [0.5, 0.8, 2.8], target = [0, 0, 0], up = [0, 1, 0] }}
+        [[shapes]]
+        type = "mesh"
+        positions = [{positions}]
+        normals = [{normals}]
+        faces = [{faces}]
+        material = {material}
+        [[shapes]]
+        type = "rectangle"
+        to_world = [{{ rotate = {{ axis = [1, 0, 0], angle = -90 }} }}, {{ scale = 2.5 }}, {{ translate = [0, -1, 0] }}]
+        material = {{ type = "diffuse", reflectance = 0.7 }}
+        [[emitters]]
+        type = "constant"
+        radiance = 1
+        "#
+    ))
+}
+
+/// Shading normals make scattering asymmetric; what light carries is corrected for that, or these would differ.
+#[test]
+fn shading_normals() {
+    for material in [
+        "{ type = \"diffuse\", reflectance = 0.8 }",
+        "{ type = \"dielectric\", int_ior = 1.5, alpha = 0.4 }",
+        "{ type = \"plastic\", diffuse_reflectance = 0.6, alpha = 0.3 }",
+    ] {
+        let source = coarse_ball(material);
+        let all = [("path:max_depth=5", 128), ("bidirectional:max_depth=5", 64), ("light:max_depth=5", 256)];
+        agree_on(material, &source, &all, 60.0);
+    }
+}
+
+fn furnace(albedo: &str) -> SceneSource {
+    changed("furnace", &[("reflectance = 0.5", &format!("reflectance = {albedo}"))], [16, 16])
+}
+
+/// 1/(1−ρ), whatever finds the light.
+#[test]
+fn furnaces_are_their_closed_form() {
+    for (albedo, value) in [("0.5", 2.0), ("0.8", 5.0)] {
+        let source = furnace(albedo);
+        for integrator in ["bidirectional", "bidirectional:heuristic=balance,rr_depth=1", "light"] {
+            let means: Moments = films(&source, integrator, 1, 64, &[]).iter().map(|f| f.mean()[1]).collect();
+            let p = means.p_value(value);
+            assert!(p > LEVEL / 6.0, "{albedo}, {integrator}: {} for {value}, p {p:.1e}", means.mean());
+        }
+    }
+}
+
+/// In the furnace every way to find paths of k + 2 vertices brings ρᵏ by itself; weighed they add up to it.
+#[test]
+fn each_strategy_alone_is_the_whole() {
+    let source = furnace("0.5");
+    let integrator = "bidirectional:max_depth=5,strategies=true";
+    let films = films(&source, integrator, 1, 64, &[]);
+    let means = |sheet: usize| -> Vec<f64> {
+        films.iter().map(|f| f.layer_values(sheet).map(|v| v.mean[1]).sum::<f64>() / 256.0).collect()
+    };
+    let names: Vec<String> = films[0].layers().iter().map(|l| l.0.clone()).collect();
+    let number = |name: &str| names.iter().position(|n| n == name).expect("a layer");
+    for vertices in 2..=6_usize {
+        let expected = 0.5_f64.powi(vertices as i32 - 2);
+        let mut sums = vec![0.0; films.len()];
+        for s in 0..=vertices {
+            let name = format!("s{s}-t{}", vertices - s);
+            sums.iter_mut().zip(means(number(&name))).for_each(|(sum, x)| *sum += x);
+            let alone: Moments = means(number(&format!("{name}-unweighted"))).into_iter().collect();
+            if s == vertices {
+                // There is no lens to hit.
+                assert_eq!(alone.mean(), 0.0, "{name}");
+                continue;
+            }
+            let (mean, p) = (alone.mean(), alone.p_value(expected));
+            let exact = (mean - expected).abs() <= 1e-5 * expected;
+            assert!(exact || p > LEVEL / 20.0, "{name}: {mean} for {expected}, p {p:.1e}");
+        }
+        let sum: Moments = sums.into_iter().collect();
+        let exact = (sum.mean() - expected).abs() <= 1e-5 * expected;
+        assert!(exact || sum.p_value(expected) > LEVEL / 5.0, "{vertices} vertices: {sum:?} for {expected}");
+    }
+}
+
+/// The weighed layers of all strategies add up to the picture.
+#[test]
+fn strategies_add_up() {
+    let lens = "type = \"thin-lens\"\naperture_radius = 60\nfocus_distance = 1000";
+    let source = changed("cornell-spheres", &[("type = \"perspective\"", lens)], [16, 16]);
+    let film = &films(&source, "bidirectional:max_depth=4,strategies=true", 1, 16, &[])[0];
+    let weighed: Vec<usize> =
+        (0..film.layers().len()).filter(|i| !film.layers()[*i].0.ends_with("unweighted")).collect();
+    assert_eq!(weighed.len(), 3 + 4 + 5 + 6);
+    let layers: Vec<Vec<_>> = weighed.iter().map(|i| film.layer_values(*i).collect()).collect();
+    for (i, whole) in film.values().enumerate() {
+        for c in 0..3 {
+            let sum: f64 = layers.iter().map(|l| l[i].mean[c]).sum();
+            assert!((sum - whole.mean[c]).abs() <= 1e-5 * whole.mean[c] + 1e-9, "{sum} for {}", whole.mean[c]);
+        }
+    }
+    let lit = |name: &str| {
+        let layer = film.layers().iter().position(|l| l.0 == name).expect("a layer");
+        film.layer_values(layer).any(|v| v.mean[1] > 0.0)
+    };
+    for name in ["s0-t2", "s1-t1", "s0-t3", "s1-t2", "s2-t1", "s4-t0", "s2-t2", "s3-t2"] {
+        assert!(lit(name), "{name} has light");
+    }
+}
+
+/// Light is sorted by the paths it took, and not by how they were found.
+#[test]
+fn classes_agree() {
+    let source = small("cornell-spheres", [16, 16]);
+    let layers = PathLayer::by_class();
+    let [path, both] = [("path:max_depth=5", 256), ("bidirectional:max_depth=5", 64)]
+        .map(|(integrator, samples)| films(&source, integrator, u64::from(samples), samples, &layers));
+    for (number, layer) in layers.iter().enumerate() {
+        let image = |films: &[Film]| image_of(&films.iter().map(|f| blocks(f, number + 1)).collect::<Vec<_>>(), 4);
+        let (a, b) = (image(&both), image(&path));
+        let what = &layer.name;
+        judge(&a, &b, 1, LEVEL / (3.0 * 8.0 * 20.0)).unwrap_or_else(|e| panic!("{what}, {e}"));
+    }
+}
+
+/// A pixel's own variance is what the film says it is, splats included.
+#[test]
+fn variances_are_known() {
+    let source = small("cornell-box", [8, 8]);
+    for integrator in ["light:max_depth=3", "bidirectional:max_depth=3"] {
+        let scene = source.build().expect("a good scene");
+        let films: Vec<Film> = (0..200)
+            .map(|seed| {
+                let sampler = Sampler::new(SamplerSettings::Independent {}, seed);
+                let settings = settings(integrator);
+                let integrator = settings.integrator(&scene, sampler, Job::default().engine).expect("settings");
+                let (mut film, budget) = (Film::new(8, 8), Budget { samples: Some(16), ..Budget::default() });
+                render(&*integrator, &mut film, Region::whole(8, 8), 0, &budget, 2, &());
+                film
+            })
+            .collect();
+        // Over all pixels: the mean of the stated variances over the variance there is. 64 pixels of 199 degrees of freedom
+        // each, some of them tied together: 0.1 is more than five standard errors.
+        let (mut stated, mut real) = (0.0, 0.0);
+        let values: Vec<Vec<_>> = films.iter().map(|f| f.values().collect()).collect();
+        for pixel in 0..64 {
+            let means: Moments = values.iter().map(|v| v[pixel].mean[1]).collect();
+            real += means.variance();
+            stated += values.iter().map(|v| v[pixel].variance[1]).sum::<f64>() / 200.0;
+        }
+        assert!((stated / real - 1.0).abs() < 0.1, "{integrator}: {stated} for {real}");
+    }
+}
+
+/// Same bits for any number of threads, and in parts.
+#[test]
+fn same_bits() {
+    let lens = "type = \"thin-lens\"\naperture_radius = 60\nfocus_distance = 1000";
+    let source = changed("cornell-spheres", &[("type = \"perspective\"", lens)], [40, 24]);
+    let scene = source.build().expect("a good scene");
+    let layers = PathLayer::by_class();
+    let names: Vec<String> = layers.iter().map(|l| l.name.clone()).collect();
+    for integrator in ["light", "bidirectional"] {
+        let sampler = Sampler::new(SamplerSettings::default(), 1);
+        let integrator = settings(integrator);
+        let integrator =
+            integrator.layered_integrator(&scene, sampler, Job::default().engine, &layers).expect("settings");
+        let film = |first: u32, samples: u32, threads: usize| {
+            let mut film = Film::try_new(40, 24, &names).expect("memory");
+            let budget = Budget { samples: Some(samples), ..Budget::default() };
+            render(&*integrator, &mut film, Region::whole(40, 24), first, &budget, threads, &());
+            film
+        };
+        let whole = film(0, 40, 1);
+        for threads in [2, 5] {
+            assert_eq!(film(0, 40, threads), whole, "{threads} threads");
+        }
+        let mut parts = film(0, 7, 2);
+        parts.merge(&film(7, 33, 2));
+        assert_eq!(parts, whole, "in parts");
+    }
+}
+
+/// A part of a picture has the light of that part, though fewer walks from the light make it.
+#[test]
+fn crops_agree() {
+    let source = small("cornell-box", [32, 32]);
+    let scene = source.build().expect("a good scene");
+    let region = Region { x: 9, y: 13, width: 16, height: 16, full_width: 32 };
+    let image = |integrator: &str, first: u64, samples: u32| {
+        let films: Vec<_> = (0..FILMS)
+            .map(|seed| {
+                let sampler = Sampler::new(SamplerSettings::default(), first + seed);
+                let integrator =
+                    settings(integrator).integrator(&scene, sampler, Job::default().engine).expect("settings");
+                let mut film = Film::new(16, 16);
+                let budget = Budget { samples: Some(samples), ..Budget::default() };
+                render(&*integrator, &mut film, region, 0, &budget, 2, &());
+                blocks(&film, 0)
+            })
+            .collect();
+        image_of(&films, 4)
+    };
+    let path = image("path:max_depth=3", 100, 128);
+    for (integrator, samples) in [("light:max_depth=3", 512), ("bidirectional:max_depth=3", 64)] {
+        judge(&image(integrator, 1, samples), &path, 1, LEVEL / 6.0).unwrap_or_else(|e| panic!("{integrator}, {e}"));
+    }
+}
+
+#[test]
+fn settings_that_make_no_sense_are_refused() {
+    let scene = small("cornell-box", [4, 4]).build().expect("a good scene");
+    for (text, part) in [
+        ("light:roulette=none", "never end"),
+        ("bidirectional:survival=0", "no probability"),
+        ("bidirectional:strategies=true", "at most 8 segments"),
+        ("bidirectional:strategies=true,max_depth=9", "at most 8 segments"),
+    ] {
+        let settings: IntegratorSettings = from_settings(text).expect("settings").0;
+        let sampler = Sampler::new(SamplerSettings::default(), 0);
+        let refused =
+            settings.integrator(&scene, sampler, Job::default().engine).err().map(|e| e.message).unwrap_or_default();
+        assert!(refused.contains(part), "{text}: {refused}");
+    }
+}
