@@ -343,6 +343,7 @@ fn scenes_are_listed() {
         "phong-60-blurred-light",
         "point-lights",
         "sky",
+        "veach-bidir",
         "veach-mis",
     ];
     let list = answer(&folder, &["scenes"]);

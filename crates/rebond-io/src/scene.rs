@@ -42,6 +42,7 @@ pub const BUILT_IN_SCENES: &[BuiltIn] = built_in![
     "phong-60-blurred-light",
     "point-lights",
     "sky",
+    "veach-bidir",
     "veach-mis",
 ];
 
