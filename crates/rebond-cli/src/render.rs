@@ -236,6 +236,7 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
         .layered_integrator(&scene, Sampler::new(sampler, a.seed), engine, layers)
         .map_err(|e| Failure::usage(e.message, e.help))?;
     if !a.quiet
+        && !a.json
         && let Some(what) = settings.leaves_out()
     {
         note(&format!("note: biased: {what}"));

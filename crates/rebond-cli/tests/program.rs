@@ -367,8 +367,9 @@ fn integrators_are_listed() {
     assert!(path["summary"].is_string());
     // Every setting listed is one that can be set.
     let settings: Vec<&String> = path["settings"].as_object().expect("settings").keys().collect();
-    assert_eq!(settings, ["light_sampling", "max_depth", "mode", "rr_depth"]);
-    answer(&folder, &small(&["-i", "path:max_depth=2,rr_depth=1,mode=mis,light_sampling=solid-angle"]));
+    assert_eq!(settings, ["light_sampling", "max_depth", "mode", "paths", "roulette", "rr_depth", "survival"]);
+    let all = "path:max_depth=2,rr_depth=1,mode=mis,light_sampling=solid-angle,paths=2..,roulette=albedo,survival=0.9";
+    answer(&folder, &small(&["--json", "-i", all]));
 }
 
 #[test]
