@@ -58,4 +58,5 @@ scenes: tools
 	$(PYTHON) scenes/make/window.py scenes/window.hdr
 	$(PYTHON) scenes/make/gallery.py scenes
 	$(PYTHON) scenes/make/many_lights.py scenes
+	$(PYTHON) scenes/make/pot.py scenes/pot.ply
 	$(if $(DRAGON),$(PYTHON) scenes/make/dragon.py $(DRAGON) scenes/dragon.ply)

@@ -309,7 +309,8 @@ pub(crate) fn closest<S: Simd, K: Filter>(accel: &Accel, ray: &Ray<f32>, filter:
             let solid = Solid { instance: *instance, filter };
             closest_in::<S, K>(tree, ray.o, ray.d, *instance, filter, &solid, &mut best);
         }
-        World::Many(top) => {
+        World::Many(slices) => {
+            let top = slices.at(ray.time);
             let placed = Placement::<S, K> { accel, time: ray.time, filter, simd: std::marker::PhantomData };
             closest_in::<S, K>(top, ray.o, ray.d, MISS, filter, &placed, &mut best);
         }
@@ -330,7 +331,8 @@ pub(crate) fn occluded<S: Simd, K: Filter>(accel: &Accel, ray: &Ray<f32>, filter
             let solid = Solid { instance: *instance, filter };
             occluded_in::<S, K>(tree, ray.o, ray.d, *instance, filter, &solid, ray.tmax)
         }
-        World::Many(top) => {
+        World::Many(slices) => {
+            let top = slices.at(ray.time);
             let placed = Placement::<S, K> { accel, time: ray.time, filter, simd: std::marker::PhantomData };
             occluded_in::<S, K>(top, ray.o, ray.d, MISS, filter, &placed, ray.tmax)
         }

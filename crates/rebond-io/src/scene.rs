@@ -34,6 +34,7 @@ pub const BUILT_IN_SCENES: &[BuiltIn] = built_in![
     "dragon",
     "furnace",
     "glossy-spheres",
+    "indirect-room",
     "many-lights",
     "material-gallery",
     "phong-300",
@@ -42,6 +43,7 @@ pub const BUILT_IN_SCENES: &[BuiltIn] = built_in![
     "phong-60-blurred-light",
     "point-lights",
     "sky",
+    "smallpt",
     "veach-mis",
 ];
 
@@ -59,6 +61,7 @@ const BUILT_IN_FILES: &[(&str, &[u8])] = &[
     ("lanterns-jade.ply", include_bytes!("../../../scenes/lanterns-jade.ply")),
     ("lanterns-rose.ply", include_bytes!("../../../scenes/lanterns-rose.ply")),
     ("lanterns-violet.ply", include_bytes!("../../../scenes/lanterns-violet.ply")),
+    ("pot.ply", include_bytes!("../../../scenes/pot.ply")),
     ("sky.hdr", include_bytes!("../../../scenes/sky.hdr")),
     ("weave.png", include_bytes!("../../../scenes/weave.png")),
     ("window.hdr", include_bytes!("../../../scenes/window.hdr")),

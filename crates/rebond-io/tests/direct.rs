@@ -146,6 +146,17 @@ fn mis_agrees_on_smooth_plates() {
     agree(&film(&source, "direct", &independent(2, 1024)).develop(), &path, LEVEL / 3.0, "veach-mis");
 }
 
+/// smallpt's lamp is drawn from by the cap of it that shows; directions and points find the same light.
+#[test]
+fn a_sunken_lamp_is_found_either_way() {
+    let source = small("smallpt", [48, 40]);
+    let one = |sampling, seed| film(&source, &format!("direct:sampling={sampling}"), &independent(seed, 256)).develop();
+    let reference = one("bsdf", 1);
+    for (sampling, seed) in [("light", 2), ("mis", 3)] {
+        agree(&one(sampling, seed), &reference, LEVEL / 6.0, sampling);
+    }
+}
+
 #[test]
 fn engines_agree_on_each_sampling() {
     let source = small("cornell-spheres", [32, 32]);

@@ -124,7 +124,7 @@ fn draw(
     sampling: LightSampling,
     u: impl Iterator<Item = [f32; 2]>,
 ) -> impl Iterator<Item = EmitterSample<f32>> {
-    u.map(move |u| emitters.sample(Index1(0), vector(p), sampling, u, true))
+    u.map(move |u| emitters.sample(Index1(0), vector(p), 0.0, sampling, u, true))
 }
 
 /// Whether [`SolidAngle`] falls back to area from here: the density then is not the same everywhere.
@@ -179,9 +179,9 @@ fn a_hit_has_the_density_it_is_drawn_with() {
         for p in receivers().into_iter().chain(plane) {
             for (i, u) in random_pairs(400).enumerate() {
                 let emitter = Index1(i as u32 % 4);
-                let s = emitters.sample(emitter, vector(p), sampling, u, true);
+                let s = emitters.sample(emitter, vector(p), 0.0, sampling, u, true);
                 let (to, normal) = (s.point - vector(p), s.normal);
-                let pdf = emitters.pdf(&EmitterHit { emitter, from: vector(p), to, normal }, sampling, true);
+                let pdf = emitters.pdf(&EmitterHit { emitter, from: vector(p), to, normal, time: 0.0 }, sampling, true);
                 assert_eq!(s.pdf.0, pdf.0, "emitter {i} from {p}");
                 assert!(s.weight.r.is_finite() && s.weight.r >= 0.0 && !s.point.length().is_nan(), "{s:?}");
                 let front = to.dot(normal) < 0.0 && pdf.0 > 0.0;

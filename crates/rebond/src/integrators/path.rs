@@ -231,6 +231,7 @@ impl<const SOLID_ANGLE: bool> Shade for Path<SOLID_ANGLE> {
             && let Some(light) = scene.sample_light(
                 surface.p,
                 bsdf.normal(),
+                path.time,
                 Self::LIGHT_SAMPLING,
                 || u.value(LIGHT_CHOICE),
                 u.pair(LIGHT_POINT),

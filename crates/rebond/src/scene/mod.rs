@@ -2,6 +2,7 @@
 
 mod build;
 pub mod description;
+mod pilot;
 mod surface;
 mod transform;
 
@@ -14,7 +15,7 @@ use crate::bsdf::{Bsdf, Lobe, Model, PARAMETERS};
 use crate::camera::Camera;
 use crate::emitter::{EmitterHit, EmitterSample, Emitters, LightSampler, LightSampling};
 use crate::film::Filter;
-use crate::math::{Frame, Rgb, Vec3};
+use crate::math::{Frame, Keyframes, Rgb, Vec3};
 use crate::texture::Textures;
 use rebond_bvh::{Accel, Hit, Ray, Trace};
 use rebond_lanes::{Index, Mask, Real, Record, scalar::Index1};
@@ -78,10 +79,8 @@ pub struct Scene {
     /// Spheres and disks, three records each: [centre, radius], [x axis, side of the normal],
     /// [z axis, handedness].
     analytic: Vec<Record>,
-    /// Instances: `instance_stride` records each: per keyframe, time-stamped rows of the matrix.
-    instances: Vec<Record>,
-    /// Keyframes of each instance; all have the same number.
-    instance_keyframes: u32,
+    /// Where the instances are.
+    instances: Keyframes,
     /// Materials: `MATERIAL_RECORDS` each.
     materials: Vec<Record>,
     textures: Textures,
@@ -247,20 +246,22 @@ impl Scene {
             * self.light_sampler.probability(p, n, surface.emitter, mask)
     }
 
-    /// Light for a point `p` with normal `n`: from one emitter, chosen by `choice`, weighed for all; its `pdf` is that
+    /// Light for a point `p` with normal `n` at a time: from one emitter, chosen by `choice`, weighed for all; its `pdf` is that
     /// of the choice and the direction together. `None` in a scene without light.
+    #[expect(clippy::too_many_arguments)]
     #[inline(always)]
     pub fn sample_light<F: Real>(
         &self,
         p: Vec3<F>,
         n: Vec3<F>,
+        time: F,
         sampling: LightSampling,
         choice: impl FnOnce() -> F,
         u: [F; 2],
         mask: F::Mask,
     ) -> Option<EmitterSample<F>> {
         let (emitter, probability) = self.light_sampler.sample(p, n, choice, mask)?;
-        Some(self.emitters.sample(emitter, p, sampling, u, mask).chosen_with(probability))
+        Some(self.emitters.sample(emitter, p, time, sampling, u, mask).chosen_with(probability))
     }
 
     /// Radiance of all surroundings along the unit direction `w`.
@@ -417,7 +418,7 @@ impl<F: Real> Surface<F> {
     /// What its emitter must know of a point that sees it.
     #[inline(always)]
     pub fn seen_from(&self, p: Vec3<F>) -> EmitterHit<F> {
-        EmitterHit { emitter: self.emitter, from: p, to: self.p - p, normal: self.ng }
+        EmitterHit { emitter: self.emitter, from: p, to: self.p - p, normal: self.ng, time: self.time }
     }
     /// Lanes whose surface shines.
     #[inline(always)]
