@@ -15,10 +15,12 @@
 mod ambient_occlusion;
 mod direct;
 mod path;
+pub mod radiosity;
 
 pub use ambient_occlusion::{AmbientOcclusionSampling, AmbientOcclusionSettings};
 pub use direct::{DirectSampling, DirectSettings, Factor};
 pub use path::PathSettings;
+pub use radiosity::RadiositySettings;
 
 use crate::emitter::LightSampling;
 use crate::render::{Engine, Integrator};
@@ -36,6 +38,8 @@ pub enum IntegratorSettings {
     Direct(DirectSettings),
     /// Path tracing.
     Path(PathSettings),
+    /// Radiosity.
+    Radiosity(Box<RadiositySettings>),
 }
 
 impl Default for IntegratorSettings {
@@ -72,6 +76,11 @@ pub const INTEGRATORS: &[IntegratorInfo] = &[
         summary: "explicit path tracing with multiple importance sampling",
         settings: path::SETTINGS,
     },
+    IntegratorInfo {
+        name: "radiosity",
+        summary: "diffuse light between patches, solved once for all views",
+        settings: radiosity::SETTINGS,
+    },
 ];
 
 /// Settings that do not go together, or not with the scene.
@@ -91,15 +100,31 @@ impl IntegratorSettings {
             Self::AmbientOcclusion(_) => "ambient-occlusion",
             Self::Direct(_) => "direct",
             Self::Path(_) => "path",
+            Self::Radiosity(_) => "radiosity",
         }
     }
 
     /// Whether its expectation differs from the rendering equation's solution.
     pub fn is_biased(&self) -> bool {
         match self {
-            Self::AmbientOcclusion(_) | Self::Direct(_) => true,
+            Self::AmbientOcclusion(_) | Self::Direct(_) | Self::Radiosity(_) => true,
             Self::Path(settings) => settings.is_biased(),
         }
+    }
+
+    /// Opens the files that the settings name, by a reader of solutions of radiosity.
+    pub fn open(
+        &mut self,
+        read: impl FnOnce(&str) -> Result<radiosity::Solution, String>,
+    ) -> Result<(), IntegratorError> {
+        if let Self::Radiosity(settings) = self
+            && let Some(file) = &settings.solution
+        {
+            let help = "it is to be a file that `rebond radiosity` wrote".to_owned();
+            let solution = read(file).map_err(|message| IntegratorError { message, help })?;
+            settings.loaded = Some(std::sync::Arc::new(solution));
+        }
+        Ok(())
     }
 
     /// The integrator.
@@ -119,6 +144,9 @@ impl IntegratorSettings {
                 LightSampling::Area => engine.integrator(scene, sampler, path::Path::<false>::new(*settings)),
                 LightSampling::SolidAngle => engine.integrator(scene, sampler, path::Path::<true>::new(*settings)),
             },
+            Self::Radiosity(settings) => {
+                Box::new(radiosity::Radiosity::new((**settings).clone(), scene, sampler, engine)?)
+            }
         })
     }
 }
