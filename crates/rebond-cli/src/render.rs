@@ -9,7 +9,7 @@ use rebond::film::Film;
 use rebond::integrators::IntegratorSettings;
 use rebond::render::{Budget, Engine, Region, render};
 use rebond::sampling::{Sampler, SamplerSettings};
-use rebond_io::{Error, PngOptions, SceneSource, Tonemap, from_settings};
+use rebond_io::{Error, PngOptions, SceneFiles, SceneSource, Tonemap, from_settings};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -168,7 +168,9 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
         true => ["png", "exr"].map(|e| PathBuf::from(format!("{}.{e}", source.name))).to_vec(),
     };
     check(&outputs)?;
-    let settings = integrator.unwrap_or_else(|| source.description.integrator.clone());
+    // Files that the command line names are relative to where it is given, those of a scene to the scene.
+    let files = if integrator.is_some() { &SceneFiles::Folder(PathBuf::new()) } else { source.files() };
+    let mut settings = integrator.unwrap_or_else(|| source.description.integrator.clone());
     let mut budget = Budget { samples: a.spp, time: a.time, error: a.error };
     if budget == Budget::default() {
         budget.samples = Some(DEFAULT_SAMPLES);
@@ -199,6 +201,7 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
         EngineName::Wavefront => Engine::Wavefront,
         EngineName::Scalar => Engine::Scalar,
     };
+    settings.open(|file| files.solution(file, &scene)).map_err(|e| Failure::usage(e.message, e.help))?;
     let integrator = settings
         .integrator(&scene, Sampler::new(sampler, a.seed), engine)
         .map_err(|e| Failure::usage(e.message, e.help))?;

@@ -26,7 +26,7 @@ pub mod solution;
 pub mod solvers;
 mod view;
 
-pub use solution::Solution;
+pub use solution::{Parts, Solution};
 
 use super::IntegratorError;
 use crate::emitter::LightSampling;

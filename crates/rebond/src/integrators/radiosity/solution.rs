@@ -160,10 +160,59 @@ impl Solution {
         groups
     }
 
-    /// Whether it is of this scene.
-    pub fn is_of(&self, scene: &Scene) -> bool {
-        key(&scene.faces()) == self.key
+    /// A solution from its parts, as a file holds them, for the scene that it is of; or what is wrong with them.
+    pub fn restore(scene: &Scene, parts: Parts) -> Result<Self, String> {
+        let faces = scene.faces();
+        if key(&faces) != parts.key {
+            return Err("it is of another scene, or of another state of this one".into());
+        }
+        let mesh =
+            Patches::from_cuts(scene, &faces, &parts.cuts).ok_or("its cuts are none of this scene's surfaces")?;
+        let n = mesh.len();
+        for (name, values) in [
+            ("emission", &parts.emission),
+            ("external", &parts.external),
+            ("reflectance", &parts.reflectance),
+            ("radiance", &parts.radiance),
+        ] {
+            if values.len() != n {
+                return Err(format!("`{name}` has {} rows for {n} patches", values.len()));
+            }
+            if values.as_flattened().iter().any(|x| !(x.is_finite() && *x >= 0.0)) {
+                return Err(format!("`{name}` has values that are negative or not finite"));
+            }
+        }
+        let inverse = match parts.inverse {
+            None => None,
+            Some(lower) => {
+                let rows = Inverse::from_lower(n, lower.each_ref().map(Vec::as_slice));
+                Some(rows.ok_or_else(|| format!("`inverse` is not made of three triangles of {n} rows"))?)
+            }
+        };
+        let Parts { key, emission, external, reflectance, radiance, relit, .. } = parts;
+        Ok(Self { key, mesh, emission, external, reflectance, radiance, inverse, relit })
     }
+}
+
+/// What a file holds of a solution. The mesh is that of the scene, cut again.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Parts {
+    /// As in [`Solution`].
+    pub key: u64,
+    /// Child and edge of each element.
+    pub cuts: Vec<[u32; 2]>,
+    /// As in [`Solution`].
+    pub emission: Vec<[f32; 3]>,
+    /// As in [`Solution`].
+    pub external: Vec<[f32; 3]>,
+    /// As in [`Solution`].
+    pub reflectance: Vec<[f32; 3]>,
+    /// As in [`Solution`].
+    pub radiance: Vec<[f32; 3]>,
+    /// The lower triangle of each colour's X, as [`Inverse::lower`] gives it.
+    pub inverse: Option<[Vec<f32>; 3]>,
+    /// As in [`Solution`].
+    pub relit: bool,
 }
 
 /// Corners of patches that share their light.
