@@ -671,7 +671,8 @@ impl<'a> Radiosity<'a> {
         if let Some(solution) = &self.settings.loaded {
             return Some(State::Solved(self.view((**solution).clone())));
         }
-        if self.settings.solver != Solver::Progressive {
+        // Shooting is shown stage by stage, unless the mesh is to follow a solution.
+        if self.settings.solver != Solver::Progressive || self.settings.adaptive {
             match solve(self.scene, &self.settings, &self.sampler, observer) {
                 Ok((solution, _)) => return Some(State::Solved(self.view(solution))),
                 Err(Unsolvable::Stopped) => return None,
