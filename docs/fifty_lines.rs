@@ -16,7 +16,7 @@ fn radiance(scene: &Scene, mut ray: Ray<f32>, mut random: impl FnMut() -> f32) -
         light += (throughput * scene.emitted(&x, true)).masked(le_counts); // Le
         let bsdf = scene.bsdf(&x, &mut random, true);
         let (n, u) = (bsdf.normal(), [random(), random()]);
-        if let Some(y) = scene.sample_light(x.p, n, Area, &mut random, u, !bsdf.is_specular()) {
+        if let Some(y) = scene.sample_light(x.p, n, ray.time, Area, &mut random, u, !bsdf.is_specular()) {
             let f = bsdf.eval(x.wo, y.wi, Radiance, true).f;
             let ld = throughput * f * y.weight * n.dot(y.wi).abs();
             let shadow = ShadowRay::new(&x, &y, ray.time, ld, bsdf.event(x.wo, y.wi), true);

@@ -8,6 +8,7 @@ mod list;
 mod lobe_plot;
 mod output;
 mod progress;
+mod radiosity;
 mod render;
 
 use clap::{Parser, Subcommand};
@@ -34,6 +35,8 @@ enum Command {
     Bsdf(bsdf::Arguments),
     /// Tabulate a material as `f_r[θi][φi][θo][φo][colour]`, and say what the table gets wrong.
     Capture(capture::Arguments),
+    /// Solve a scene by radiosity: save it, relight it, bake it.
+    Radiosity(radiosity::Arguments),
     /// List the built-in scenes.
     Scenes(list::JsonFlag),
     /// Say what a scene is made of.
@@ -73,6 +76,7 @@ fn main() -> ExitCode {
         Ok(Command::Diff(a)) => diff::run(&a),
         Ok(Command::Bsdf(a)) => bsdf::run(&a),
         Ok(Command::Capture(a)) => capture::run(&a),
+        Ok(Command::Radiosity(a)) => radiosity::run(&a),
         Ok(Command::Scenes(a)) => list::scenes(&a),
         Ok(Command::Info(a)) => list::info(&a),
         Ok(Command::Integrators(a)) => list::integrators(&a),

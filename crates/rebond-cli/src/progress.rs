@@ -18,6 +18,11 @@ pub fn catch_interrupt() {
     });
 }
 
+/// Whether the user has asked to stop.
+pub fn stop_asked() -> bool {
+    STOP.load(Ordering::Relaxed)
+}
+
 /// Shows how a render goes.
 pub struct Progress {
     bar: Option<ProgressBar>,

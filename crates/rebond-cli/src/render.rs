@@ -9,7 +9,7 @@ use rebond::film::{Film, Image};
 use rebond::integrators::IntegratorSettings;
 use rebond::render::{Budget, Engine, PathExpression, PathLayer, Region, render};
 use rebond::sampling::{Sampler, SamplerSettings};
-use rebond_io::{Error, PngOptions, SceneSource, Tonemap, from_settings};
+use rebond_io::{Error, PngOptions, SceneFiles, SceneSource, Tonemap, from_settings};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -199,7 +199,9 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
     let of_layers = layer_outputs(&outputs, layers.iter().map(|l| &*l.name));
     check(&outputs)?;
     check(&of_layers.iter().map(|(_, path)| path.clone()).collect::<Vec<_>>())?;
-    let settings = integrator.unwrap_or_else(|| source.description.integrator.clone());
+    // Files that the command line names are relative to where it is given, those of a scene to the scene.
+    let files = if integrator.is_some() { &SceneFiles::Folder(PathBuf::new()) } else { source.files() };
+    let mut settings = integrator.unwrap_or_else(|| source.description.integrator.clone());
     let adaptive = a.adaptive || a.error.is_some();
     let mut budget = Budget { samples: a.spp, time: a.time, error: a.error, adaptive };
     if (a.spp, a.time, a.error) == (None, None, None) {
@@ -231,6 +233,7 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
         EngineName::Wavefront => Engine::Wavefront,
         EngineName::Scalar => Engine::Scalar,
     };
+    settings.open(|file| files.solution(file, &scene)).map_err(|e| Failure::usage(e.message, e.help))?;
     let integrator = settings
         .layered_integrator(&scene, Sampler::new(sampler, a.seed), engine, layers)
         .map_err(|e| Failure::usage(e.message, e.help))?;

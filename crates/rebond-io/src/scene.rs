@@ -2,10 +2,11 @@
 
 use crate::document::Document;
 use crate::error::{Error, Place};
-use crate::{from_toml, read_image, read_image_raw, read_measured, read_obj, read_ply};
+use crate::{from_toml, read_image, read_image_raw, read_measured, read_obj, read_ply, read_solution};
 use rebond::bsdf::check::Material;
 use rebond::bsdf::measured::Measured;
 use rebond::film::Image;
+use rebond::integrators::radiosity::Solution;
 use rebond::scene::description::MaterialRef;
 use rebond::scene::{BuildError, MeshSource, Resources, Scene, SceneDescription, build, material};
 use rebond::shape::MeshData;
@@ -88,6 +89,13 @@ impl SceneFiles {
                 std::fs::read(&path).map_err(|e| format!("cannot read \"{}\": {e}", path.display()))
             }
         }
+    }
+}
+
+impl SceneFiles {
+    /// The solution of radiosity in a file, for the scene that it is of; or what is wrong with it.
+    pub fn solution(&self, file: &str, scene: &Scene) -> Result<Solution, String> {
+        read_solution(&self.read(file)?, file, scene).map_err(|e| format!("\"{file}\": {}", e.message))
     }
 }
 
@@ -177,6 +185,11 @@ impl SceneSource {
             "material" => Error { help: e.help, ..Error::new(e.message) },
             _ => self.locate(e),
         })
+    }
+
+    /// Where its files are.
+    pub fn files(&self) -> &SceneFiles {
+        &self.files
     }
 
     fn locate(&self, error: BuildError) -> Error {

@@ -15,11 +15,13 @@
 mod ambient_occlusion;
 mod direct;
 mod path;
+pub mod radiosity;
 mod recursive;
 
 pub use ambient_occlusion::{AmbientOcclusionSampling, AmbientOcclusionSettings};
 pub use direct::{DirectSampling, DirectSettings, Factor};
 pub use path::{PathMode, PathSettings, Roulette};
+pub use radiosity::RadiositySettings;
 pub use recursive::RecursiveSettings;
 
 use crate::emitter::LightSampling;
@@ -40,6 +42,8 @@ pub enum IntegratorSettings {
     Path(PathSettings),
     /// N rays at every hit.
     Recursive(RecursiveSettings),
+    /// Radiosity.
+    Radiosity(Box<RadiositySettings>),
 }
 
 impl Default for IntegratorSettings {
@@ -81,6 +85,11 @@ pub const INTEGRATORS: &[IntegratorInfo] = &[
         summary: "N rays at every hit, to see why one is enough",
         settings: recursive::SETTINGS,
     },
+    IntegratorInfo {
+        name: "radiosity",
+        summary: "diffuse light between patches, solved once for all views",
+        settings: radiosity::SETTINGS,
+    },
 ];
 
 /// Settings that do not go together, or not with the scene.
@@ -101,6 +110,7 @@ impl IntegratorSettings {
             Self::Direct(_) => "direct",
             Self::Path(_) => "path",
             Self::Recursive(_) => "recursive",
+            Self::Radiosity(_) => "radiosity",
         }
     }
 
@@ -118,15 +128,31 @@ impl IntegratorSettings {
             Self::Recursive(settings) => {
                 Some(format!("paths of more than depth={} segments are left out", settings.depth))
             }
+            Self::Radiosity(_) => Some("light is known per patch".into()),
         }
     }
 
     /// The paths that count; all if none are named.
     fn paths(&self) -> Option<&PathExpression> {
         match self {
-            Self::AmbientOcclusion(_) | Self::Direct(_) | Self::Recursive(_) => None,
+            Self::AmbientOcclusion(_) | Self::Direct(_) | Self::Recursive(_) | Self::Radiosity(_) => None,
             Self::Path(settings) => settings.paths.as_ref(),
         }
+    }
+
+    /// Opens the files that the settings name, by a reader of solutions of radiosity.
+    pub fn open(
+        &mut self,
+        read: impl FnOnce(&str) -> Result<radiosity::Solution, String>,
+    ) -> Result<(), IntegratorError> {
+        if let Self::Radiosity(settings) = self
+            && let Some(file) = &settings.solution
+        {
+            let help = "it is to be a file that `rebond radiosity` wrote".to_owned();
+            let solution = read(file).map_err(|message| IntegratorError { message, help })?;
+            settings.loaded = Some(std::sync::Arc::new(solution));
+        }
+        Ok(())
     }
 
     /// The integrator.
@@ -158,7 +184,7 @@ impl IntegratorSettings {
                     })?)
                 }
             };
-        if classes.is_some() && matches!(self, Self::AmbientOcclusion(_) | Self::Recursive(_)) {
+        if classes.is_some() && matches!(self, Self::AmbientOcclusion(_) | Self::Recursive(_) | Self::Radiosity(_)) {
             let message = format!("{} does not tell paths apart", self.name());
             return Err(IntegratorError { message, help: "use path or direct".into() });
         }
@@ -179,6 +205,9 @@ impl IntegratorSettings {
                 }
             },
             Self::Recursive(settings) => Box::new(recursive::Recursive::new(*settings, scene, sampler)?),
+            Self::Radiosity(settings) => {
+                Box::new(radiosity::Radiosity::new((**settings).clone(), scene, sampler, engine)?)
+            }
         })
     }
 }

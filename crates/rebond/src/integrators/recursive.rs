@@ -117,7 +117,8 @@ impl<'a> Recursive<'a> {
             let n = bsdf.normal();
             let (choice, place) = (|| u.value(LIGHT_CHOICE), u.pair(LIGHT_POINT));
             if !bsdf.is_specular()
-                && let Some(light) = scene.sample_light(surface.p, n, LightSampling::Area, choice, place, true)
+                && let Some(light) =
+                    scene.sample_light(surface.p, n, ray.time, LightSampling::Area, choice, place, true)
             {
                 let f = bsdf.eval(surface.wo, light.wi, TransportMode::Radiance, true).f;
                 let contribution = f * light.weight * n.dot(light.wi).abs();

@@ -31,6 +31,22 @@ impl Keyframes {
         Self { table, each: each as u32 }
     }
 
+    /// The rows of a thing's matrix at its keyframe `k`.
+    fn rows(&self, thing: u32, k: u32) -> [[f32; 4]; 3] {
+        let at = ((thing * self.each + k) * 4 + 1) as usize;
+        std::array::from_fn(|r| self.table[at + r].0)
+    }
+
+    /// The rows of a thing's matrix at its first keyframe.
+    pub fn first(&self, thing: u32) -> [[f32; 4]; 3] {
+        self.rows(thing, 0)
+    }
+
+    /// Whether a thing moves.
+    pub fn moves(&self, thing: u32) -> bool {
+        (1..self.each).any(|k| self.rows(thing, k) != self.rows(thing, 0))
+    }
+
     /// The matrix of each lane's thing at a time.
     #[inline(always)]
     pub fn at<F: Real>(&self, thing: F::Index, time: F, mask: F::Mask) -> Matrix<F> {

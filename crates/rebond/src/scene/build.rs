@@ -4,6 +4,7 @@ use super::description::{
     CameraDescription, Color, EmitterDescription, FovAxis, ImageTexture, LobeForm, MaterialDescription, MaterialRef,
     Mesh, MeshFile, Metal, SceneDescription, ShapeDescription, Texture,
 };
+use super::faces::{Extent, Names};
 use super::pilot;
 use super::transform::Motion;
 use super::{
@@ -324,6 +325,7 @@ struct Builder<'a> {
     environments: Vec<Environment>,
     /// Shapes that need an instance of their own: moving ones, and round ones that are stretched.
     apart: Vec<(Part, Motion, String)>,
+    names: Names,
     warnings: Vec<String>,
     primitives_before: u32,
 }
@@ -355,6 +357,7 @@ impl<'a> Builder<'a> {
             moving: Vec::new(),
             environments: Vec::new(),
             apart: Vec::new(),
+            names: Names::default(),
             warnings: Vec::new(),
             primitives_before: 0,
         }
@@ -884,6 +887,7 @@ impl<'a> Builder<'a> {
     fn push_shape(&mut self, look: &Look, flags: u32, first_primitive: u32) -> u32 {
         let emitter = if look.emission.is_some() { self.emitters.len() as u32 } else { NO_EMITTER };
         self.features.emissive_shapes |= look.emission.is_some();
+        self.names.shapes.push(look.path.to_owned());
         self.shapes.push(Record::words([look.material, emitter, flags, first_primitive]));
         self.shapes.len() as u32 - 1
     }
@@ -1121,7 +1125,9 @@ impl<'a> Builder<'a> {
     ) -> Result<Scene> {
         let mut primitives = Vec::new();
         let mut geometries = Vec::new();
+        let mut extents: Vec<Extent> = Vec::new();
         for part in parts {
+            extents.push([primitives.len() as u32, part.triangles.len() as u32, part.count()]);
             primitives.extend(part.triangles.into_iter().chain(part.spheres).chain(part.disks));
             geometries.push(part.geometry);
         }
@@ -1134,6 +1140,9 @@ impl<'a> Builder<'a> {
             })
             .collect();
         let keyframes = Keyframes::new(instances.iter().map(|i| &i.keyframes[..]));
+        let extents = placed.iter().map(|(geometry, ..)| extents[*geometry as usize]).collect();
+        self.names.instances = placed.iter().map(|(_, _, path)| path.clone()).collect();
+        self.names.materials = self.named.iter().map(|(name, number)| (*number, (*name).to_owned())).collect();
         let count = |f: fn(&Geometry) -> usize| geometries.iter().map(|g| f(g) as u64).sum::<u64>();
         let mut statistics = SceneStatistics {
             triangles: count(|g| g.triangles.len()),
@@ -1199,6 +1208,8 @@ impl<'a> Builder<'a> {
             camera,
             filter,
             statistics,
+            names: self.names,
+            extents,
         };
         for (emitter, axis, one_minus_cos) in pilot::caps(&scene) {
             scene.emitters.set_cap(emitter, axis, one_minus_cos);

@@ -2,12 +2,14 @@
 
 mod build;
 pub mod description;
+mod faces;
 mod pilot;
 mod surface;
 mod transform;
 
 pub use build::{MeshSource, Resources, build, material};
 pub use description::SceneDescription;
+pub use faces::{DiffusePart, Face, Obstacle};
 pub use surface::Surface;
 
 use crate::bsdf::measured::Tables;
@@ -91,6 +93,9 @@ pub struct Scene {
     camera: Camera,
     filter: Filter,
     statistics: SceneStatistics,
+    names: faces::Names,
+    /// Of each instance.
+    extents: Vec<faces::Extent>,
 }
 
 /// What a scene has at all, so that what it has not costs nothing.

@@ -1,6 +1,7 @@
 //! What the algorithms share.
 
 pub mod estimator;
+pub mod form_factor;
 pub mod irradiance;
 
 use rebond_lanes::Real;

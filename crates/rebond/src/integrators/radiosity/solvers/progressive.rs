@@ -1,0 +1,134 @@
+//! Progressive refinement (Cohen et al. 1988): the patch with the most unshot light sends it to all others, and so on. A picture is
+//! there after the first few, and no row of F is needed before its patch's turn.
+//!
+//! ```text
+//! i = argmax A_i ΔL_i:    ΔL_j += ρ_j F_ji ΔL_i,   L_j += ρ_j F_ji ΔL_i for all j;   ΔL_i = 0
+//! ```
+//!
+//! What is unshot is shown as if it came from everywhere alike, `ρ_j Σ A ΔL / Σ A (1 − ρ̄)`, until it has been shot.
+
+use super::{Channels, Problem};
+use crate::integrators::radiosity::form_factors::FormFactors;
+use crate::render::Observer;
+use rayon::prelude::*;
+
+/// Shooting ends when what is unshot has come down to this share of what the sources send out.
+pub const ENOUGH: f64 = 2e-6;
+/// Patches whose light one thread takes to.
+const PART: usize = 1024;
+
+/// Shooting under way.
+pub struct Shooting {
+    light: Channels,
+    unshot: Channels,
+    /// Rows of A_i F_ij that were needed, as long as they are allowed to be kept.
+    rows: Vec<Option<Vec<f32>>>,
+    kept: u64,
+    memory: u64,
+    /// Power of the sources, over π.
+    sent: f64,
+    /// Patches shot, those shot again included.
+    pub shots: u64,
+    /// Rays traced.
+    pub rays: u64,
+}
+
+impl Shooting {
+    /// Before the first shot. Rows are kept within this many bytes.
+    pub fn new(problem: &Problem, memory: u64) -> Self {
+        let n = problem.areas.len();
+        let mut shooting = Self {
+            light: problem.source.clone(),
+            unshot: problem.source.clone(),
+            rows: vec![None; n],
+            kept: 0,
+            memory,
+            sent: 0.0,
+            shots: 0,
+            rays: 0,
+        };
+        shooting.sent = shooting.left(problem).1;
+        shooting
+    }
+
+    fn power(&self, problem: &Problem, i: usize) -> f64 {
+        self.unshot.iter().map(|c| f64::from(c[i].abs())).sum::<f64>() * problem.areas[i]
+    }
+
+    /// The patch with the most unshot power, and what all have.
+    fn left(&self, problem: &Problem) -> (usize, f64) {
+        let (mut brightest, mut most, mut sum) = (0, 0.0, 0.0);
+        for i in 0..problem.areas.len() {
+            let power = self.power(problem, i);
+            sum += power;
+            if power > most {
+                (brightest, most) = (i, power);
+            }
+        }
+        (brightest, sum)
+    }
+
+    /// Shoots until what is left is below this share of what the sources sent. False if told to stop.
+    pub fn shoot_until(
+        &mut self,
+        share: f64,
+        factors: &FormFactors,
+        problem: &Problem,
+        observer: &dyn Observer,
+    ) -> bool {
+        let n = problem.areas.len();
+        loop {
+            let (i, left) = self.left(problem);
+            if left <= share * self.sent || left == 0.0 {
+                return true;
+            }
+            if observer.should_stop() {
+                return false;
+            }
+            let (row, known) = match self.rows[i].take() {
+                Some(row) => (row, true),
+                None => {
+                    let mut row = vec![0.0; n];
+                    let parts = row.par_chunks_mut(PART).enumerate();
+                    let rays: u64 = parts.map(|(p, out)| factors.row(i, p * PART..(p * PART + out.len()), out)).sum();
+                    observer.advance(0, rays);
+                    self.rays += rays;
+                    (row, false)
+                }
+            };
+            for c in 0..3 {
+                let shot = std::mem::take(&mut self.unshot[c][i]);
+                if shot == 0.0 {
+                    continue;
+                }
+                for j in 0..n {
+                    let gain = f64::from(problem.reflectance[c][j]) / problem.areas[j];
+                    let more = (gain * f64::from(row[j]) * f64::from(shot)) as f32;
+                    self.light[c][j] += more;
+                    self.unshot[c][j] += more;
+                }
+            }
+            self.shots += 1;
+            let bytes = 4 * n as u64;
+            if known || self.kept + bytes <= self.memory {
+                self.kept += if known { 0 } else { bytes };
+                self.rows[i] = Some(row);
+            }
+        }
+    }
+
+    /// Bytes of the rows that were kept.
+    pub fn bytes(&self) -> u64 {
+        self.kept
+    }
+
+    /// L so far, and what is unshot as if it came from everywhere alike.
+    pub fn with_ambient(&self, problem: &Problem) -> Channels {
+        let (unshot, reflectance) = (problem.mean(&self.unshot), problem.mean(&problem.reflectance));
+        std::array::from_fn(|c| {
+            let ambient = unshot[c] / (1.0 - reflectance[c]).max(1e-3);
+            let of = |(l, r): (&f32, &f32)| l + r * ambient;
+            self.light[c].iter().zip(&problem.reflectance[c]).map(of).collect()
+        })
+    }
+}
