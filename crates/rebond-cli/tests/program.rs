@@ -500,7 +500,7 @@ fn the_lecture_is_a_page_that_needs_nothing_else() {
     assert_eq!(names, written);
 
     let page = text(&bytes(&folder, "page/index.html"));
-    for section in ["monte-carlo", "ambient-occlusion", "direct"] {
+    for section in ["monte-carlo", "ambient-occlusion", "direct", "direct-errors"] {
         assert!(page.contains(&format!("<section id=\"{section}\"")), "{section}");
         assert!(object["sections"][section]["seconds"].as_f64() > Some(0.0), "{section}");
     }
@@ -580,7 +580,7 @@ fn sections_of_the_lecture_are_chosen_by_name() {
         words.contains("there is no section \"monte-calro\"") && words.contains("did you mean \"monte-carlo\"?"),
         "{words}"
     );
-    assert!(words.contains("ambient-occlusion, direct"), "{words}");
+    assert!(words.contains("ambient-occlusion, direct, direct-errors"), "{words}");
     let output = run(&folder, &["lecture", "--only", "monte-carlo", "-o", "c/index.html"]);
     assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
 }

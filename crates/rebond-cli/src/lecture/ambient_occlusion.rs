@@ -17,7 +17,7 @@ use std::fmt::Write;
 pub const SECTION: Section = Section {
     name: "ambient-occlusion",
     title: "Ambient occlusion",
-    makes: "pictures by three samplings for N = 10, 100, 1000; a sphere sampled right and wrong; convergence; variances",
+    makes: "pictures by three samplings of N = 10, 100, 1000; a sphere right and wrong; convergence; variances",
     run,
 };
 
@@ -34,11 +34,12 @@ fn integrator(sampling: &str) -> String {
 fn run(workshop: &Workshop) -> Result<Findings, Failure> {
     let mut out = Findings::default();
     out.formula(r"L_{ao}(x)=\int_{\Omega}\frac{\max(n\cdot\omega,0)}{\pi}\,V(x,\omega)\,d\omega");
-    out.formula(r"\approx\frac{4}{N}\sum_i\max(n\cdot\omega_i,0)\,V_i\qquad\approx\frac{2}{N}\sum_i\max(n\cdot\omega_i,0)\,V_i\qquad\approx\frac{1}{N}\sum_i V_i");
+    out.formula(r"\approx\frac{4}{N}\sum_i\max(n\cdot\omega_i,0)\,V_i");
+    out.formula(r"\approx\frac{2}{N}\sum_i\max(n\cdot\omega_i,0)\,V_i\qquad\approx\frac{1}{N}\sum_i V_i");
     out.text(
-        "The share of an even sky that a point sees, weighed by the cosine. Directions are drawn uniformly over the sphere (half \
-         of them in vain), uniformly over the hemisphere, or in proportion to the cosine, which leaves no noise but that of \
-         visibility. What is more than 2 m away hides nothing here.",
+        "The share of an even sky that a point sees, weighed by the cosine. Directions are drawn uniformly over the \
+         sphere (half of them in vain), uniformly over the hemisphere, or in proportion to the cosine, which leaves \
+         no noise but that of visibility. What is more than 2 m away hides nothing here.",
     );
     let side = workshop.pick([24, 160, 512]);
     let stage = workshop.stage("dragon", [side, side])?;
@@ -127,9 +128,9 @@ fn spheres(workshop: &Workshop, out: &mut Findings) {
     );
     let [(right, open), (wrong, too_much)] = [shares[0], shares[1]];
     out.proof(format!(
-        "Share of directions within 30° of a pole: {:.4} ± {:.4} by the right way (theory 1 − cos 30° = {:.4}), {:.4} by the \
-         wrong one (theory 1/3). Taken for uniform, the wrong one makes an open plane {:.3} ± {:.3} bright (theory 4/π = {:.3}) \
-         where the right one makes it {:.3} (1).",
+        "Share of directions within 30° of a pole: {:.4} ± {:.4} by the right way (theory 1 − cos 30° = {:.4}), {:.4} \
+         by the wrong one (theory 1/3). Taken for uniform, the wrong one makes an open plane {:.3} ± {:.3} bright \
+         (theory 4/π = {:.3}) where the right one makes it {:.3} (1).",
         right.mean(),
         right.standard_error(),
         1.0 - cap,
@@ -147,8 +148,8 @@ fn spheres(workshop: &Workshop, out: &mut Findings) {
     out.number("open_plane", json!({ "right": value(&open, 1.0), "wrong": value(&too_much, 4.0 / PI) }));
 }
 
-/// Two pixels, by their places in parts of the picture: on the ground under the dragon's arch, and on the open ground far
-/// behind.
+/// Two pixels, by their places in parts of the picture: on the ground under the dragon's arch, and on the open ground
+/// far behind.
 const OCCLUDED: [f64; 2] = [0.59, 0.617];
 const OPEN: [f64; 2] = [0.1, 0.2];
 
@@ -159,7 +160,7 @@ fn experiments(workshop: &Workshop, stage: &Stage, picture: &Image, out: &mut Fi
     let (occluded, open) = (pixel(OCCLUDED), pixel(OPEN));
     out.pictures(vec![Picture {
         name: "ao-pixels".into(),
-        png: png(&ringed(picture, &[(occluded, [0.85, 0.11, 0.0]), (open, [0.0, 0.2, 0.55])]))?,
+        png: png(&ringed(picture, &[(occluded, [0.85, 0.11, 0.0]), (open, [0.0, 0.2, 0.55])]), 0.0)?,
         alt: "The dragon with two rings, one under its arched back and one on the ground far behind it".into(),
         caption: format!("Red: pixel {occluded:?}, which sees occluders. Blue: pixel {open:?}, which sees none."),
         command: None,
@@ -207,8 +208,8 @@ fn experiments(workshop: &Workshop, stage: &Stage, picture: &Image, out: &mut Fi
         );
     }
     out.text(
-        "Where nothing is in the way the cosine's estimate is exact from its first sample on. Where something is, its noise is that \
-         of V, which is 0 or 1: σ² = L(1 − L).",
+        "Where nothing is in the way the cosine's estimate is exact from its first sample on. Where something is, its \
+         noise is that of V, which is 0 or 1: σ² = L(1 − L).",
     );
     variances(workshop, stage, open, &measured, truth.mean(), out)
 }
@@ -274,11 +275,11 @@ fn variances(
         words.push(format!("{sampling} {:.4} (theory {theory:.4})", variances.mean()));
         numbers.insert(
             sampling.into(),
-            json!({ "theory": theory, "measured": variances.mean(), "standard_error": variances.standard_error(), "p": p,
-                "occluded": there }),
+            json!({ "theory": theory, "measured": variances.mean(), "standard_error": variances.standard_error(),
+                "p": p, "occluded": there }),
         );
     }
-    out.formula(r"V=1:\quad \sigma^2=\int\frac{f^2}{p}-1:\qquad \tfrac{8}{3}-1=\tfrac{5}{3},\qquad \tfrac{4}{3}-1=\tfrac{1}{3},\qquad 1-1=0");
+    out.formula(r"V=1:\quad \sigma^2=\int\frac{f^2}{p}-1=\tfrac{5}{3},\;\tfrac{1}{3},\;0");
     out.proof(format!("Variance of one sample where V = 1: {}.", words.join(", ")));
     out.table(
         "ao-variances",

@@ -4,6 +4,8 @@
 
 mod ambient_occlusion;
 mod direct;
+mod direct_errors;
+mod judge;
 mod monte_carlo;
 mod page;
 mod workshop;
@@ -30,7 +32,8 @@ struct Section {
 }
 
 /// The sections, in the lecture's order.
-const SECTIONS: &[Section] = &[monte_carlo::SECTION, ambient_occlusion::SECTION, direct::SECTION];
+const SECTIONS: &[Section] =
+    &[monte_carlo::SECTION, ambient_occlusion::SECTION, direct::SECTION, direct_errors::SECTION];
 
 #[derive(Args)]
 pub struct Arguments {
@@ -125,8 +128,8 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
     if dropped > 0 && !a.quiet {
         note(&format!("warning: {dropped} samples were not finite, or too bright for a film, and count as black"));
     }
-    let mut numbers = json!({ "quality": a.quality.name(), "seed": a.seed, "threads": threads, "dropped_samples": dropped,
-        "sections": numbers });
+    let mut numbers = json!({ "quality": a.quality.name(), "seed": a.seed, "threads": threads,
+        "dropped_samples": dropped, "sections": numbers });
     let names = write(&a.output, &chapters, &numbers, &workshop)?;
     if a.json {
         numbers["outputs"] = json!(names);

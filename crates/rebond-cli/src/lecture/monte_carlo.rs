@@ -57,8 +57,8 @@ fn methods() -> [Method; 4] {
     ]
 }
 
-/// The variance of one jittered sample in each of n strata: 1/n² Σ Var_i, with Var_i = n ∫f² − (n ∫f)² over stratum i. From
-/// ∫f = (x√(1 − x²) + asin x)/2 and ∫f² = x − x³/3. f has an infinite slope at 1, so it falls like log n/n³, not 1/n³.
+/// The variance of one jittered sample in each of n strata: 1/n² Σ Var_i, with Var_i = n ∫f² − (n ∫f)² over stratum i.
+/// From ∫f = (x√(1 − x²) + asin x)/2 and ∫f² = x − x³/3. f has an infinite slope at 1, so it falls like log n/n³.
 fn variance_stratified(n: u32) -> f64 {
     let (f, square) = (|x: f64| 0.5 * (x * quarter_disk::f(x) + x.asin()), |x: f64| x - x * x * x / 3.0);
     let count = f64::from(n);
@@ -80,11 +80,13 @@ const POWERS: std::ops::RangeInclusive<u32> = 2..=12;
 
 fn run(workshop: &Workshop) -> Result<Findings, Failure> {
     let mut out = Findings::default();
-    out.formula(r"\int_0^1 f(x)\,dx \approx \frac{1}{N}\sum_{i=1}^{N}\frac{f(X_i)}{p(X_i)},\qquad f(x)=\sqrt{1-x^2},\qquad \int_0^1 f(x)\,dx=\frac{\pi}{4}\approx 0.785398");
+    out.formula(r"\int_0^1 f(x)\,dx \approx \frac{1}{N}\sum_{i=1}^{N}\frac{f(X_i)}{p(X_i)}");
+    out.formula(r"f(x)=\sqrt{1-x^2},\qquad \int_0^1 f(x)\,dx=\frac{\pi}{4}\approx 0.785398");
     out.text(
-        "An estimator is three choices: the density p, the numbers from which the X are drawn, and the integrand. Below, X is \
-         uniform with independent numbers; uniform with one number in each of N strata; uniform with Owen-scrambled Sobol \
-         points; and drawn with independent numbers from p(x) = 6/5 (1 − x²/2), which is nearly proportional to f.",
+        "An estimator is three choices: the density p, the numbers from which the X are drawn, and the integrand. \
+         Below, X is uniform with independent numbers; uniform with one number in each of N strata; uniform with \
+         Owen-scrambled Sobol points; and drawn with independent numbers from p(x) = 6/5 (1 − x²/2), which is nearly \
+         proportional to f.",
     );
     errors(workshop, &mut out);
     running(workshop, &mut out);
@@ -139,7 +141,8 @@ fn errors(workshop: &Workshop, out: &mut Findings) {
             curves,
             legend: Legend::LowerLeft,
         },
-        "Four falling lines: uniform and importance sampling along the dashed σ/√N, stratified and Owen-Sobol much steeper",
+        "Four falling lines: uniform and importance sampling along the dashed σ/√N, stratified and Owen-Sobol much \
+         steeper",
     );
     out.table(
         "monte-carlo-slopes",
@@ -148,10 +151,11 @@ fn errors(workshop: &Workshop, out: &mut Findings) {
         rows,
     );
     out.text(
-        "The theory of strata is exact: the variances within all of them, summed. It falls a little more slowly than N^(−3/2), \
-         since f has an infinite slope at 1. Importance sampling divides the error by a factor; only how the numbers are spread changes the slope. In one dimension \
-         the first 2ᵏ Owen-scrambled Sobol points are jittered strata: the two lines are one. They part where there are more \
-         dimensions, and where N is not known beforehand.",
+        "The theory of strata is exact: the variances within all of them, summed. It falls a little more slowly than \
+         N^(−3/2), since f has an infinite slope at 1. Importance sampling divides the error by a factor; only how \
+         the numbers are spread changes the slope. In one dimension the first 2ᵏ Owen-scrambled Sobol points are \
+         jittered strata: the two lines are one. They part where there are more dimensions, and where N is not known \
+         beforehand.",
     );
     out.number("slopes", slopes);
     out.number("repeats", repeats);
@@ -190,8 +194,8 @@ fn running(workshop: &Workshop, out: &mut Findings) {
             out.number("mean", so_far.mean());
             out.number("confidence_99", json!([low, high]));
             out.proof(format!(
-                "{n} uniform samples: {:.5}, 99 % confidence interval [{low:.5}, {high:.5}]; π/4 = {:.5}. Variance of one sample: \
-                 measured {:.5}, theory 2/3 − π²/16 = {:.5}.",
+                "{n} uniform samples: {:.5}, 99 % confidence interval [{low:.5}, {high:.5}]; π/4 = {:.5}. Variance of \
+                 one sample: measured {:.5}, theory 2/3 − π²/16 = {:.5}.",
                 so_far.mean(),
                 quarter_disk::VALUE,
                 so_far.variance(),

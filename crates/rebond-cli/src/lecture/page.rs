@@ -133,24 +133,7 @@ pub struct Chapter {
     pub findings: Findings,
 }
 
-/// Drawings are black on white; where the page is dark they are the other way round.
-const STYLE: &str = "
-:root{color-scheme:light dark;--page:#fff;--ink:#1b1b1f;--faint:#5c5c66;--line:#d8d8de;--box:#f3f4f7;--mark:#00699e}
-@media(prefers-color-scheme:dark){:root{--page:#16171b;--ink:#e6e6ea;--faint:#a0a0aa;--line:#3a3b42;--box:#22242a;--mark:#6cc0ee}}
-*{box-sizing:border-box}
-body{margin:0 auto;padding:1rem;max-width:62rem;background:var(--page);color:var(--ink);font:1rem/1.55 system-ui,sans-serif}
-h1{margin:.5rem 0}h2{margin:3rem 0 .5rem;border-top:1px solid var(--line);padding-top:1rem}h3{margin:2rem 0 .5rem}
-p{max-width:46rem}nav a{margin-right:1rem}a{color:var(--mark)}
-.row{display:grid;grid-template-columns:repeat(auto-fill,minmax(min(100%,17rem),1fr));gap:1rem;align-items:start}
-figure{margin:0 0 1rem;min-width:0}figure img,figure svg{display:block;width:100%;height:auto}
-figcaption,caption,footer{color:var(--faint);font-size:.875rem;text-align:left}
-code{font-size:.8125rem;overflow-wrap:anywhere;background:var(--box);padding:.1rem .3rem;border-radius:.2rem}
-.proof{border-left:4px solid var(--mark);background:var(--box);padding:.6rem 1rem}
-.wide{overflow-x:auto;margin-bottom:1rem}table{border-collapse:collapse;font-size:.9rem}
-th,td{padding:.25rem .7rem;border-bottom:1px solid var(--line);text-align:right;white-space:nowrap;font-variant-numeric:tabular-nums}
-th:first-child,td:first-child{text-align:left}math{font-size:1.15em;max-width:100%}.formula{overflow:auto hidden;padding:.3rem 0}
-svg [fill=\"#FFFFFF\"]{fill:var(--page)}svg [fill=\"#000000\"],svg text:not([fill]){fill:var(--ink)}svg [stroke=\"#000000\"]{stroke:var(--ink)}
-";
+const STYLE: &str = include_str!("page.css");
 
 /// The page of these chapters; `made` says how they were made.
 pub fn html(chapters: &[Chapter], made: &str) -> String {

@@ -40,12 +40,14 @@ pub struct Shot<'a> {
     pub seed: u64,
     /// One pixel only.
     pub pixel: Option<[u32; 2]>,
+    /// Stops by which its picture is brightened.
+    pub exposure: f32,
 }
 
 impl<'a> Shot<'a> {
     /// This many samples of every pixel.
     pub fn new(integrator: &'a str, samples: u32) -> Self {
-        Self { integrator, samples: 0..samples, sampler: None, seed: 0, pixel: None }
+        Self { integrator, samples: 0..samples, sampler: None, seed: 0, pixel: None, exposure: 0.0 }
     }
 
     /// The same with independent random numbers, for which theory says the variance.
@@ -149,19 +151,20 @@ impl Workshop {
         alt: String,
     ) -> Result<Picture, Failure> {
         let ([width, height], scene) = (stage.size(), &stage.source.name);
+        let exposure = if shot.exposure == 0.0 { String::new() } else { format!(" --exposure {}", shot.exposure) };
         let command = format!(
-            "rebond render {scene} -i {} --size {width}x{height} --spp {} --seed {} -o {name}.png",
+            "rebond render {scene} -i {} --size {width}x{height} --spp {} --seed {}{exposure} -o {name}.png",
             shot.integrator,
             shot.samples.end,
             self.seed(shot.seed)
         );
         let plain = shot.sampler.is_none() && shot.samples.start == 0 && shot.pixel.is_none();
-        let png = png(&film.develop())?;
+        let png = png(&film.develop(), shot.exposure)?;
         Ok(Picture { name: name.into(), png, alt, caption, command: plain.then_some(command) })
     }
 }
 
-/// A picture as a PNG file.
-pub fn png(image: &Image) -> Result<Vec<u8>, Failure> {
-    Ok(write_image(image, ImageFormat::Png, &PngOptions::default())?)
+/// A picture as a PNG file, brightened by some stops.
+pub fn png(image: &Image, exposure: f32) -> Result<Vec<u8>, Failure> {
+    Ok(write_image(image, ImageFormat::Png, &PngOptions { exposure, ..PngOptions::default() })?)
 }
