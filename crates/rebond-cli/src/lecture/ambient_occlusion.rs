@@ -148,7 +148,7 @@ fn spheres(workshop: &Workshop, out: &mut Findings) {
     out.number("open_plane", json!({ "right": value(&open, 1.0), "wrong": value(&too_much, 4.0 / PI) }));
 }
 
-/// Two pixels, by their places in parts of the picture: on the ground under the dragon's arch, and on the open ground
+/// Two pixels, by their places in parts of the picture: within the dragon's arch, and on the open ground
 /// far behind.
 const OCCLUDED: [f64; 2] = [0.59, 0.617];
 const OPEN: [f64; 2] = [0.1, 0.2];
