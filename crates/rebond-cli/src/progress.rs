@@ -19,7 +19,7 @@ pub fn catch_interrupt() {
 }
 
 /// Whether the user has asked to stop.
-pub fn stop_asked() -> bool {
+pub fn is_interrupted() -> bool {
     STOP.load(Ordering::Relaxed)
 }
 
@@ -103,6 +103,6 @@ impl Observer for Progress {
         self.error.store(error.to_bits(), Ordering::Relaxed);
     }
     fn should_stop(&self) -> bool {
-        STOP.load(Ordering::Relaxed)
+        is_interrupted()
     }
 }

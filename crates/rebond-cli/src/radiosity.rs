@@ -3,7 +3,7 @@
 use crate::Failure;
 use crate::capture::check_output;
 use crate::output::{answer, available_memory_bytes, bytes, note, peak_memory_bytes, write_bytes};
-use crate::progress::{catch_interrupt, stop_asked};
+use crate::progress::{catch_interrupt, is_interrupted};
 use clap::Args;
 use indicatif::ProgressBar;
 use rebond::integrators::RadiositySettings;
@@ -115,7 +115,7 @@ impl Observer for Watch {
         }
     }
     fn should_stop(&self) -> bool {
-        stop_asked()
+        is_interrupted()
     }
 }
 

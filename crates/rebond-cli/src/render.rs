@@ -202,7 +202,11 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
     // Files that the command line names are relative to where it is given, those of a scene to the scene.
     let files = if integrator.is_some() { &SceneFiles::Folder(PathBuf::new()) } else { source.files() };
     let mut settings = integrator.unwrap_or_else(|| source.description.integrator.clone());
-    let adaptive = a.adaptive || a.error.is_some();
+    if a.adaptive && !settings.is_adaptable() {
+        let message = format!("the samples of {} are not alike: no pixel may have more than another", settings.name());
+        return Err(Failure::usage(message, "leave out --adaptive"));
+    }
+    let adaptive = a.adaptive || a.error.is_some() && settings.is_adaptable();
     let mut budget = Budget { samples: a.spp, time: a.time, error: a.error, adaptive };
     if (a.spp, a.time, a.error) == (None, None, None) {
         budget.samples = Some(DEFAULT_SAMPLES);

@@ -537,3 +537,100 @@ fn what_has_no_table_is_not_captured() {
     assert_eq!(run(&folder, &["capture", "diffuse", "-o", "x.png"]).status.code(), Some(2));
     assert!(names_in(folder.path()).is_empty());
 }
+
+/// The lecture's page: every file it names, pictures that commands make again, and numbers as theory has them.
+#[test]
+fn the_lecture_is_a_page_that_needs_nothing_else() {
+    let folder = temporary();
+    let object = json(&answer(&folder, &["lecture", "--quality", "draft", "-o", "page", "--json", "--quiet"]));
+    let names = names_in(&folder.path().join("page"));
+    let written = object["outputs"].as_array().expect("names").iter();
+    let mut written: Vec<&str> = written.map(|n| n.as_str().expect("a name").trim_start_matches("page/")).collect();
+    written.sort_unstable();
+    assert_eq!(names, written);
+
+    let page = text(&bytes(&folder, "page/index.html"));
+    for section in ["monte-carlo", "ambient-occlusion", "direct", "direct-errors"] {
+        assert!(page.contains(&format!("<section id=\"{section}\"")), "{section}");
+        assert!(object["sections"][section]["seconds"].as_f64() > Some(0.0), "{section}");
+    }
+    // Nothing is fetched: what is referred to is on the page itself. Names of formats are no addresses.
+    for reference in ["src=\"", "href=\""] {
+        for place in page.split(reference).skip(1) {
+            assert!(place.starts_with("data:") || place.starts_with('#'), "{}", &place[..60]);
+        }
+    }
+    assert_eq!(page.replace("http://www.w3.org/", "").matches("://").count(), 0);
+    let pictures = page.matches("<img ").count();
+    assert_eq!(pictures, names.iter().filter(|n| n.ends_with(".png")).count());
+    assert_eq!(page.matches(" alt=\"").count(), pictures);
+    assert_eq!(page.matches("alt=\"\"").count(), 0);
+    assert_eq!(
+        page.matches("role=\"img\" aria-label=\"").count(),
+        names.iter().filter(|n| n.ends_with(".svg")).count()
+    );
+
+    // Each command makes its picture to the last bit.
+    let commands: Vec<&str> =
+        page.split("<code>rebond render ").skip(1).map(|c| &c[..c.find('<').expect("an end")]).collect();
+    assert!(commands.len() > 30);
+    for command in commands.iter().step_by(5) {
+        let arguments: Vec<&str> = ["render"].into_iter().chain(command.split(' ')).collect();
+        let file = arguments[arguments.len() - 1];
+        answer(&folder, &[&arguments[..], &["--quiet"]].concat());
+        assert!(bytes(&folder, file) == bytes(&folder, &format!("page/{file}")), "{command}");
+    }
+
+    // z, the distance from theory in standard errors: a sound build exceeds 4 once in 16 000.
+    let close = |of: &Value, what: &str| {
+        let number = |key: &str| of[key].as_f64().expect(key);
+        let off = (number("measured") - number("theory")).abs();
+        assert!(off <= 4.0 * number("standard_error"), "{what}: {of}");
+    };
+    for sampling in ["uniform", "importance", "stratified", "Owen-Sobol"] {
+        close(&object["sections"]["monte-carlo"]["slopes"][sampling], sampling);
+    }
+    for sampling in ["sphere", "hemisphere", "cosine"] {
+        close(&object["sections"]["ambient-occlusion"]["variances"][sampling], sampling);
+    }
+    for key in ["within_30_degrees_of_a_pole", "open_plane"] {
+        for way in ["right", "wrong"] {
+            let p = object["sections"]["ambient-occlusion"][key][way]["p"].as_f64();
+            assert!(p > Some(1e-4), "{key}, {way}: {p:?}");
+        }
+    }
+    let direct = &object["sections"]["direct"];
+    assert_eq!(
+        (&direct["linearity"]["welch"]["passes"], &direct["shadows"]["none_brighter"]),
+        (&true.into(), &true.into())
+    );
+    assert!(direct["shadows"]["same"].as_u64() > Some(0));
+}
+
+#[test]
+fn sections_of_the_lecture_are_chosen_by_name() {
+    let folder = temporary();
+    let list = answer(&folder, &["lecture", "--list"]);
+    assert!(list.contains("monte-carlo ") && list.contains("direct "), "{list}");
+    let name = answer(&folder, &["lecture", "--quality", "draft", "--only", "monte-carlo", "-o", "a/b"]);
+    assert_eq!(name, "a/b/index.html\n");
+    assert!(!text(&bytes(&folder, "a/b/index.html")).contains("id=\"direct\""));
+    let again =
+        answer(&folder, &["lecture", "--quality", "draft", "--only", "monte-carlo", "-o", "c", "--threads", "1"]);
+    assert_eq!(again, "c/index.html\n");
+    assert!(
+        bytes(&folder, "a/b/index.html") == bytes(&folder, "c/index.html"),
+        "the same page for any number of threads"
+    );
+
+    let output = run(&folder, &["lecture", "--only", "direct,monte-calro"]);
+    assert_eq!(output.status.code(), Some(2));
+    let words = text(&output.stderr);
+    assert!(
+        words.contains("there is no section \"monte-calro\"") && words.contains("did you mean \"monte-carlo\"?"),
+        "{words}"
+    );
+    assert!(words.contains("ambient-occlusion, direct, direct-errors"), "{words}");
+    let output = run(&folder, &["lecture", "--only", "monte-carlo", "-o", "c/index.html"]);
+    assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
+}

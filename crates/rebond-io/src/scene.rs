@@ -42,6 +42,7 @@ pub const BUILT_IN_SCENES: &[BuiltIn] = built_in![
     "phong-300-blurred-light",
     "phong-60",
     "phong-60-blurred-light",
+    "phong-lamp",
     "point-lights",
     "sky",
     "smallpt",

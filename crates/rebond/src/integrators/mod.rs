@@ -132,6 +132,11 @@ impl IntegratorSettings {
         }
     }
 
+    /// Whether all of its samples have one expectation, so that pixels may have more or fewer of them.
+    pub fn is_adaptable(&self) -> bool {
+        !matches!(self, Self::Radiosity(_))
+    }
+
     /// The paths that count; all if none are named.
     fn paths(&self) -> Option<&PathExpression> {
         match self {
