@@ -623,7 +623,7 @@ pub(crate) fn occluded<S: Simd, K: Filter>(
         if active.count() < TOGETHER {
             for i in lanes(active) {
                 let (ray, tmax) = (singles.get(packet, i), packet.ray.tmax.lane(i));
-                if single::occluded::<S, K>(tree, current, ray, instance, filter, &solid, tmax) {
+                if single::occluded::<S, false, K>(tree, current, ray, instance, filter, &solid, tmax) {
                     left = left.and_not(Mask16::from_bits(1 << i));
                 }
             }
