@@ -341,6 +341,7 @@ fn scenes_are_listed() {
         "phong-300-blurred-light",
         "phong-60",
         "phong-60-blurred-light",
+        "phong-lamp",
         "point-lights",
         "sky",
         "veach-mis",
