@@ -158,7 +158,6 @@ const VALUES: &[Mistake] = &[
         "aperture_radius = 0.1\n@aperture_blades = 2",
         "give 3 to 64 blades, or 0 for a round opening",
     ),
-    ("aperture_radius = 0.1", "aperture_radius = 0.1\n@aperture_rotation = inf", "inf is no angle"),
     ("fov = 40", "fov = 40\n@near_clip = -1", "-1 is no distance in front of the camera"),
     ("focus_distance = 4", "@focus_distance = 0", "0 is no distance"),
     ("shutter_close = 1", "@shutter_close = -1", "the shutter closes before it opens"),

@@ -237,10 +237,14 @@ fn mis_agrees_on_smooth_plates() {
     agree(&film(&source, "direct", &independent(2, 1024)).develop(), &path, LEVEL / 3.0, "veach-mis");
 }
 
-/// smallpt's lamp is drawn from by the cap of it that shows; directions and points find the same light.
+/// smallpt's lamp is drawn from by the cap of it that shows; directions and points find the same light. Judged on open floor:
+/// where light is rare, a few directions of large weight are too few for a test of means.
 #[test]
 fn a_sunken_lamp_is_found_either_way() {
-    let source = small("smallpt", [48, 40]);
+    let mut source = small("smallpt", [48, 40]);
+    let camera = "camera = { type = 'orthographic', to_world = [{ scale = 12 }, { look_at = { origin = [50, 40, 115], \
+                  target = [50, 0, 115], up = [0, 0, 1] } }] }";
+    source.description.camera = parse(camera).description.camera;
     let one = |sampling, seed| film(&source, &format!("direct:sampling={sampling}"), &independent(seed, 256)).develop();
     let reference = one("bsdf", 1);
     for (sampling, seed) in [("light", 2), ("mis", 3)] {

@@ -508,7 +508,7 @@ impl Emitters {
         (Vec3::select(moves, m.point(center), center), radius * scale, sign, density / (scale * scale))
     }
 
-    /// The cap by which a sphere of this radius is drawn from in some of the lanes from which it is seen from outside.
+    /// The cap by which a sphere of this radius is drawn from in some of the lanes that are well outside it.
     #[inline(always)]
     fn cap<F: Real>(&self, emitter: F::Index, radius: F, outside: F::Mask) -> Cap<F> {
         if !self.capped {
@@ -648,15 +648,17 @@ impl Emitters {
         let cone = SphereCone::new(to_center, radius);
 
         // Which of its two ways, if it has a cap; what is left of the number serves that way.
-        let cap = self.cap(emitter, radius, cone.outside);
+        let cap = self.cap(emitter, radius, cone.well_outside(radius));
         let by_cap = cap.used & u[0].lt(F::splat(CAP_SHARE));
         let rest = F::select(by_cap, u[0] * CAP_SHARE.recip(), (u[0] - CAP_SHARE) * (1.0 - CAP_SHARE).recip());
         let u = [F::select(cap.used, rest.min(F::splat(1.0 - f32::EPSILON / 2.0)), u[0]), u[1]];
 
         let w = uniform_cone(u, cone.one_minus_cos);
         let wi = Frame::around(to_center * cone.distance.recip()).to_world(w);
-        let sin2 = (F::one() - w.z * w.z).relu();
-        let reach = cone.distance * w.z - (radius * radius - cone.distance * cone.distance * sin2).safe_sqrt();
+        // The near root by the product of the two: without cancellation, also close to a large sphere.
+        let product = (cone.distance - radius) * (cone.distance + radius);
+        let middle = cone.distance * w.z;
+        let reach = product / (middle + (middle * middle - product).safe_sqrt());
         let n = (wi * reach - to_center).normalized();
         let pdf = uniform_cone_pdf(cone.one_minus_cos);
         let mut outside = EmitterSample {
@@ -766,7 +768,7 @@ impl Emitters {
         let to_center = hit.to - hit.normal * (radius * sign);
         let cone = SphereCone::new(to_center, radius);
         let mut by_cone = uniform_cone_pdf(cone.one_minus_cos);
-        let cap = self.cap(hit.emitter, radius, sphere & cone.outside);
+        let cap = self.cap(hit.emitter, radius, sphere & cone.well_outside(radius));
         if cap.used.any() {
             by_cone = cap.mixture(by_cone, hit.to, hit.normal);
         }
@@ -901,6 +903,12 @@ struct SphereCone<F: Real> {
 }
 
 impl<F: Real> SphereCone<F> {
+    /// Lanes far enough from the sphere to tell the distance to a point of it.
+    #[inline(always)]
+    fn well_outside(&self, radius: F) -> F::Mask {
+        self.outside & (self.distance - radius).gt(radius * 1e-4)
+    }
+
     #[inline(always)]
     fn new(to_center: Vec3<F>, radius: F) -> Self {
         let d2 = to_center.length_squared();

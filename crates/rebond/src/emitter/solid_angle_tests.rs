@@ -254,9 +254,16 @@ fn lanes_draw_what_one_draws() {
         let us: Vec<[f32; 2]> = random_pairs(16).collect();
         let u = [0, 1].map(|k| F32x16::load(&us.iter().map(|u| u[k]).collect::<Vec<_>>()));
         let number = (0..16).fold(Index::splat(0), |v: <F32x16 as Real>::Index, i| v.with_lane(i, i as u32 % 4));
-        let wide = emitters.sample::<F32x16>(number, Vec3::splat(p.to_array()), SolidAngle, u, Mask::splat(true));
+        let wide = emitters.sample::<F32x16>(
+            number,
+            Vec3::splat(p.to_array()),
+            F32x16::zero(),
+            SolidAngle,
+            u,
+            Mask::splat(true),
+        );
         for (i, u) in us.iter().enumerate() {
-            let one = emitters.sample::<f32>(Index1(i as u32 % 4), vector(p), SolidAngle, *u, true);
+            let one = emitters.sample::<f32>(Index1(i as u32 % 4), vector(p), 0.0, SolidAngle, *u, true);
             assert_eq!((wide.point.lane(i), wide.pdf.0.lane(i)), (one.point.lane(0), one.pdf.0));
         }
     }

@@ -241,9 +241,16 @@ fn round<F: Real>(
     } else {
         [Vec3::zero(), Vec3::zero()]
     };
+    let (mut p, mut error) = (center + arm, (center.max_abs() + radius) * POINT_ERROR);
+    if matrix.is_none() {
+        // A sphere so large or so far off that the way along the ray is known better: walls of smallpt's kind.
+        let error_along = (o.max_abs() + d.max_abs() * hit.t) * POINT_ERROR;
+        let better = sphere & error_along.lt(error);
+        (p, error) = (Vec3::select(better, along, p), F::select(better, error_along, error));
+    }
     Local {
-        p: center + arm,
-        error: (center.max_abs() + radius) * POINT_ERROR,
+        p,
+        error,
         ng: n,
         ns: n,
         tangent: Vec3::select(sphere, axes.n.cross(out) * hand, axes.s) * F::splat(2.0 * PI),
@@ -269,5 +276,68 @@ fn place<F: Real>(m: &Matrix<F>, l: Local<F>) -> Local<F> {
         tangent: m.vector(l.tangent),
         uv: l.uv,
         dp: [m.vector(l.dp[0]), m.vector(l.dp[1])],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::film::Image;
+    use crate::scene::description::{CameraDescription, ShapeDescription, Sphere};
+    use crate::scene::{MeshSource, Resources, SceneDescription, build, is_hit};
+    use crate::shape::MeshData;
+    use crate::testing::random_pairs;
+    use crate::texture::Encoding;
+
+    struct NoFiles;
+    impl Resources for NoFiles {
+        fn mesh(&self, file: &str, _: MeshSource) -> Result<MeshData, String> {
+            Err(file.into())
+        }
+        fn image(&self, file: &str, _: Encoding) -> Result<Image, String> {
+            Err(file.into())
+        }
+    }
+
+    /// On a sphere of radius 1e5 a point is known to a few thousandths of a unit from its centre, but far better along a short ray.
+    #[test]
+    fn points_of_large_and_small_spheres_are_within_their_errors() {
+        for (radius, most) in [(1e5_f32, 1e-3), (1.0, 1e-4)] {
+            let sphere = Sphere {
+                center: [radius, 0.0, 0.0],
+                radius,
+                flip_normals: false,
+                material: None,
+                emission: None,
+                to_world: Default::default(),
+            };
+            let description = SceneDescription {
+                shapes: vec![ShapeDescription::Sphere(sphere)],
+                camera: CameraDescription::default(),
+                ..SceneDescription::default()
+            };
+            let scene = build(&description, &NoFiles).expect("a scene");
+            let mut hits = 0;
+            for [u, v] in random_pairs(2000) {
+                let o = [-20.0 - 80.0 * u, 60.0 * v - 30.0, 10.0 * u];
+                let d = (vec3(0.0, 0.3 * u, 0.2 * v) - Vec3::splat(o)).normalized();
+                let ray = Ray { o, d: d.array(), tmax: f32::INFINITY, time: 0.0 };
+                let hit = scene.intersect(&ray, true, false);
+                if !is_hit(&hit) {
+                    continue;
+                }
+                hits += 1;
+                let surface = scene.surface(&ray, &hit, true);
+                let [x, y, z] = surface.p.array().map(f64::from);
+                let r = f64::from(radius);
+                let off = ((x - r).powi(2) + y * y + z * z).sqrt() - r;
+                let error = f64::from(surface.error);
+                assert!(
+                    off.abs() <= error * 3.0_f64.sqrt() && error < most,
+                    "radius {radius}: off by {off}, bound {error}"
+                );
+            }
+            assert!(hits > 1000, "{hits}");
+        }
     }
 }
