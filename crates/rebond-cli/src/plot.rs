@@ -53,6 +53,7 @@ pub struct Axis {
 pub enum Legend {
     #[default]
     UpperRight,
+    UpperLeft,
     LowerLeft,
 }
 
@@ -171,6 +172,7 @@ impl Chart {
             .configure_series_labels()
             .position(match self.legend {
                 Legend::UpperRight => SeriesLabelPosition::UpperRight,
+                Legend::UpperLeft => SeriesLabelPosition::UpperLeft,
                 Legend::LowerLeft => SeriesLabelPosition::LowerLeft,
             })
             .label_font(("sans-serif", 14))

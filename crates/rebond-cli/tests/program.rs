@@ -551,7 +551,7 @@ fn the_lecture_is_a_page_that_needs_nothing_else() {
     assert_eq!(names, written);
 
     let page = text(&bytes(&folder, "page/index.html"));
-    for section in ["monte-carlo", "ambient-occlusion", "direct", "direct-errors"] {
+    for section in ["monte-carlo", "ambient-occlusion", "direct", "direct-errors", "path-tracing"] {
         assert!(page.contains(&format!("<section id=\"{section}\"")), "{section}");
         assert!(object["sections"][section]["seconds"].as_f64() > Some(0.0), "{section}");
     }
@@ -576,7 +576,8 @@ fn the_lecture_is_a_page_that_needs_nothing_else() {
         page.split("<code>rebond render ").skip(1).map(|c| &c[..c.find('<').expect("an end")]).collect();
     assert!(commands.len() > 30);
     for command in commands.iter().step_by(5) {
-        let arguments: Vec<&str> = ["render"].into_iter().chain(command.split(' ')).collect();
+        let words = command.split(' ').map(|w| w.trim_matches('\''));
+        let arguments: Vec<&str> = ["render"].into_iter().chain(words).collect();
         let file = arguments[arguments.len() - 1];
         answer(&folder, &[&arguments[..], &["--quiet"]].concat());
         assert!(bytes(&folder, file) == bytes(&folder, &format!("page/{file}")), "{command}");
@@ -606,6 +607,21 @@ fn the_lecture_is_a_page_that_needs_nothing_else() {
         (&true.into(), &true.into())
     );
     assert!(direct["shadows"]["same"].as_u64() > Some(0));
+    let paths = &object["sections"]["path-tracing"];
+    for (survival, found) in paths["roulette"].as_object().expect("roulette") {
+        assert!(found["p"].as_f64() > Some(1e-4), "{survival}: {found}");
+    }
+    assert!((paths["classes"]["sum_over_whole"].as_f64().expect("a number") - 1.0).abs() < 1e-5);
+    let clamped: Vec<f64> = serde_json::from_value(paths["clamped"].clone()).expect("numbers");
+    assert!(clamped.is_sorted() && clamped[0] > 0.0 && clamped[3] < 1.0, "{clamped:?}");
+    // N rays for each of the segment before, but for those that left or were absorbed.
+    let by_depth =
+        |n: &str| -> Vec<f64> { serde_json::from_value(paths["recursion"][n]["by_depth"].clone()).expect("numbers") };
+    for (n, branching) in [("N = 2", 2.0), ("N = 4", 4.0)] {
+        let rays = by_depth(n);
+        assert_eq!(rays[0], 1.0);
+        assert!(rays.windows(2).all(|w| w[1] > 0.7 * branching * w[0] && w[1] <= branching * w[0]), "{n}: {rays:?}");
+    }
 }
 
 #[test]

@@ -8,6 +8,7 @@ mod direct_errors;
 mod judge;
 mod monte_carlo;
 mod page;
+mod path_tracing;
 mod workshop;
 
 use crate::Failure;
@@ -33,7 +34,7 @@ struct Section {
 
 /// The sections, in the lecture's order.
 const SECTIONS: &[Section] =
-    &[monte_carlo::SECTION, ambient_occlusion::SECTION, direct::SECTION, direct_errors::SECTION];
+    &[monte_carlo::SECTION, ambient_occlusion::SECTION, direct::SECTION, direct_errors::SECTION, path_tracing::SECTION];
 
 #[derive(Args)]
 pub struct Arguments {

@@ -152,8 +152,10 @@ impl Workshop {
     ) -> Result<Picture, Failure> {
         let ([width, height], scene) = (stage.size(), &stage.source.name);
         let exposure = if shot.exposure == 0.0 { String::new() } else { format!(" --exposure {}", shot.exposure) };
+        // What a shell would read otherwise.
+        let quote = if shot.integrator.contains(['(', '|', '*']) { "'" } else { "" };
         let command = format!(
-            "rebond render {scene} -i {} --size {width}x{height} --spp {} --seed {}{exposure} -o {name}.png",
+            "rebond render {scene} -i {quote}{}{quote} --size {width}x{height} --spp {} --seed {}{exposure} -o {name}.png",
             shot.integrator,
             shot.samples.end,
             self.seed(shot.seed)
