@@ -267,7 +267,6 @@ fn mean(solution: &Solution) -> [f64; 3] {
 }
 
 fn as_json(r: &Report, solver: Solver) -> Value {
-    let finite = |x: f64| x.is_finite().then_some(x);
     json!({
         "solver": solver.name(),
         "faces": r.faces,
@@ -276,7 +275,7 @@ fn as_json(r: &Report, solver: Solver) -> Value {
         "form_factor_seconds": r.form_factor_seconds,
         "inverse_seconds": r.inverse_seconds,
         "solve_seconds": r.solve_seconds,
-        "row_sums": r.closure.map(|c| json!({ "least": finite(c.least), "mean": c.mean, "most": finite(c.most) })),
+        "row_sums": r.closure.as_ref().map(|c| json!({ "least": c.least, "mean": c.mean, "most": c.most })),
         "iterations": r.iterations,
         "links": r.links,
         "rays": r.rays,
@@ -299,12 +298,8 @@ fn as_lines(r: &Report, solver: Solver) -> Vec<String> {
             lines.push(line(what, format!("{seconds:.4} s")));
         }
     }
-    if let Some(c) = r.closure {
-        let value = match c.least.is_finite() {
-            true => format!("{:.6} (from {:.6} to {:.6})", c.mean, c.least, c.most),
-            false => format!("{:.6}", c.mean),
-        };
-        lines.push(line("Σ_j F_ij, mean", value));
+    if let Some(c) = &r.closure {
+        lines.push(line("Σ_j F_ij, mean", format!("{:.6} (from {:.6} to {:.6})", c.mean, c.least, c.most)));
     }
     lines.push(line("rays", r.rays.to_string()));
     let what = if solver == Solver::Progressive { "patches shot" } else { "rounds" };

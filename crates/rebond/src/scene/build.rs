@@ -1142,7 +1142,12 @@ impl<'a> Builder<'a> {
         let keyframes = Keyframes::new(instances.iter().map(|i| &i.keyframes[..]));
         let extents = placed.iter().map(|(geometry, ..)| extents[*geometry as usize]).collect();
         self.names.instances = placed.iter().map(|(_, _, path)| path.clone()).collect();
-        self.names.materials = self.named.iter().map(|(name, number)| (*number, (*name).to_owned())).collect();
+        self.names.materials = self
+            .named
+            .iter()
+            .filter(|(name, _)| !name.is_empty())
+            .map(|(name, number)| (*number, (*name).to_owned()))
+            .collect();
         let count = |f: fn(&Geometry) -> usize| geometries.iter().map(|g| f(g) as u64).sum::<u64>();
         let mut statistics = SceneStatistics {
             triangles: count(|g| g.triangles.len()),

@@ -366,15 +366,24 @@ pub struct Symmetric {
     lower: Vec<f32>,
 }
 
-/// Sums of the rows of F: how much of what a patch sends out arrives anywhere.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+/// What a row of F is multiplied by for its sum not to be above 1; just below it, for what rounding to f32 may add.
+pub fn scale_of(sum: f64) -> f32 {
+    if sum > 1.0 { ((1.0 - 1e-7) / sum) as f32 } else { 1.0 }
+}
+
+/// Sums of the rows of F: how much of what a patch sends out arrives anywhere. Errors of visibility bring some above 1; a
+/// patch for which that is so reflects as much less ([`scale_of`]), so that no row of T is above ρ and `A_i F_ij` stays what it is in
+/// both directions.
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Closure {
     /// The least.
     pub least: f64,
     /// The mean by area; 1 in a closed room.
     pub mean: f64,
-    /// The largest, before those above 1 were brought down to it.
+    /// The largest.
     pub most: f64,
+    /// What each row is multiplied by.
+    pub scale: Vec<f32>,
     /// Rays traced.
     pub rays: u64,
 }
@@ -385,8 +394,7 @@ impl Symmetric {
         2 * n as u64 * (n as u64).saturating_sub(1)
     }
 
-    /// All form factors `A_i F_ij`. Where errors of F° make a row's sum larger than 1, the row and its column are brought
-    /// down. None if told to stop.
+    /// All form factors `A_i F_ij`. None if told to stop.
     pub fn form_factors(factors: &FormFactors, observer: &dyn Observer) -> Option<(Self, Closure)> {
         let n = factors.len();
         let mut lower = vec![0.0; n * n.saturating_sub(1) / 2];
@@ -411,23 +419,16 @@ impl Symmetric {
         if observer.should_stop() {
             return None;
         }
-        let mut matrix = Self { n, lower };
+        let matrix = Self { n, lower };
         let sums: Vec<f64> = matrix.row_sums().iter().zip(&factors.areas).map(|(s, a)| s / a).collect();
         let total: f64 = factors.areas.iter().sum();
         let closure = Closure {
             least: sums.iter().copied().fold(f64::INFINITY, f64::min),
             mean: sums.iter().zip(&factors.areas).map(|(s, a)| s * a).sum::<f64>() / total,
             most: sums.iter().copied().fold(0.0, f64::max),
+            scale: sums.iter().map(|s| scale_of(*s)).collect(),
             rays,
         };
-        // Just below 1, for what rounding to f32 may add.
-        let scale: Vec<f32> = sums.iter().map(|s| if *s > 1.0 { ((1.0 - 1e-7) / s) as f32 } else { 1.0 }).collect();
-        if closure.most > 1.0 {
-            for i in 0..n {
-                let of_row = scale[i];
-                matrix.row_mut(i).iter_mut().zip(&scale).for_each(|(x, s)| *x *= of_row.min(*s));
-            }
-        }
         Some((matrix, closure))
     }
 
@@ -440,11 +441,6 @@ impl Symmetric {
     pub fn row(&self, i: usize) -> &[f32] {
         let start = i * i.saturating_sub(1) / 2;
         &self.lower[start..start + i]
-    }
-
-    fn row_mut(&mut self, i: usize) -> &mut [f32] {
-        let start = i * i.saturating_sub(1) / 2;
-        &mut self.lower[start..start + i]
     }
 
     /// Sums of whole rows.

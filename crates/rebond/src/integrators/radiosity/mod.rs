@@ -179,7 +179,7 @@ pub struct Report {
     pub inverse_seconds: f64,
     /// Seconds to solve.
     pub solve_seconds: f64,
-    /// Sums of the rows of F; of progressive and hierarchical solutions the mean of the latter only.
+    /// Sums of the rows of F, where all of them are known.
     pub closure: Option<Closure>,
     /// Rounds of an iteration, or patches that were shot.
     pub iterations: u64,
@@ -340,6 +340,16 @@ impl Prepared {
         self.emission.iter().map(of).collect()
     }
 
+    /// Patches whose rows of F sum to more than 1 reflect as much less.
+    fn bring_down(&mut self, scale: &[f32]) {
+        for (i, s) in scale.iter().enumerate() {
+            for c in 0..3 {
+                self.reflectance[i][c] *= s;
+                self.problem.reflectance[c][i] *= s;
+            }
+        }
+    }
+
     fn factors<'a>(&self, scene: &'a Scene, settings: &RadiositySettings, seed: u32) -> FormFactors<'a> {
         FormFactors::new(scene, &self.mesh, &self.mesh.leaves, self.kinds(), settings.rays, seed)
     }
@@ -487,7 +497,7 @@ pub fn solve(
 fn solve_prepared(
     scene: &Scene,
     faces: &[Face],
-    prepared: Prepared,
+    mut prepared: Prepared,
     settings: &RadiositySettings,
     solver: Solver,
     sampler: &Sampler,
@@ -496,13 +506,14 @@ fn solve_prepared(
 ) -> Result<Solution, Unsolvable> {
     let (seed, n) = (seed_of(sampler), prepared.mesh.len());
     let start = Instant::now();
-    let problem = &prepared.problem;
     match solver {
         Solver::Inverse | Solver::Jacobi | Solver::GaussSeidel => {
             let factors = prepared.factors(scene, settings, seed);
             let (matrix, closure) = Symmetric::form_factors(&factors, observer).ok_or(Unsolvable::Stopped)?;
             report.form_factor_seconds += start.elapsed().as_secs_f64();
             report.rays += closure.rays;
+            prepared.bring_down(&closure.scale);
+            let problem = &prepared.problem;
             report.closure = Some(closure);
             report.bytes = Symmetric::bytes_of(n);
             let start = Instant::now();
@@ -530,6 +541,7 @@ fn solve_prepared(
             Ok(prepared.solution(faces, &light, None))
         }
         Solver::Progressive => {
+            let problem = &prepared.problem;
             let factors = prepared.factors(scene, settings, seed);
             let mut shooting = Shooting::new(problem, room_for_rows(settings, n));
             if !shooting.shoot_until(ENOUGH, &factors, problem, observer) {
@@ -543,7 +555,7 @@ fn solve_prepared(
             Ok(prepared.solution(faces, &light, None))
         }
         Solver::Hierarchical => {
-            let mesh = &prepared.mesh;
+            let (mesh, problem) = (&prepared.mesh, &prepared.problem);
             let kind = |e: u32| match mesh.patch_of[e as usize] {
                 NONE => Kind::Coarse,
                 p if prepared.emission[p as usize] != [0.0; 3] => Kind::Light,
@@ -569,7 +581,8 @@ fn solve_prepared(
             report.links = effort.links;
             report.rays += effort.rays;
             report.bytes = effort.links * hierarchical::LINK_BYTES;
-            report.closure = Some(Closure { least: f64::NAN, mean: effort.closure, most: f64::NAN, rays: effort.rays });
+            prepared.bring_down(&effort.closure.scale);
+            report.closure = Some(effort.closure);
             Ok(prepared.solution(faces, &light, None))
         }
     }

@@ -21,7 +21,7 @@ pub struct Solution {
     pub emission: Vec<[f32; 3]>,
     /// Radiance that it reflects of lights that are no patches.
     pub external: Vec<[f32; 3]>,
-    /// ρ, its mean over each patch.
+    /// ρ, its mean over each patch; less where its row of F sums to more than 1.
     pub reflectance: Vec<[f32; 3]>,
     /// Radiance that each patch sends out, all together.
     pub radiance: Vec<[f32; 3]>,

@@ -16,7 +16,7 @@
 //! A round of the solution gathers over all links, hands irradiance down the tree, and radiance up as means over area.
 
 use super::{Channels, MOST_ITERATIONS, Problem};
-use crate::integrators::radiosity::form_factors::FormFactors;
+use crate::integrators::radiosity::form_factors::{Closure, FormFactors, scale_of};
 use crate::integrators::radiosity::patches::{NONE, Patches};
 use crate::render::Observer;
 use rayon::prelude::*;
@@ -38,7 +38,7 @@ const ROUNDS: u32 = 6;
 pub const PATCH_BYTES: u64 = 1300;
 
 /// What the solution took.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Effort {
     /// Links.
     pub links: u64,
@@ -48,8 +48,8 @@ pub struct Effort {
     pub rays: u64,
     /// Seconds that linking took.
     pub linking_seconds: f64,
-    /// Mean by area of what of a patch's light arrives anywhere; 1 in a closed room.
-    pub closure: f64,
+    /// Sums of the rows of F.
+    pub closure: Closure,
 }
 
 /// Why there is no solution.
@@ -65,7 +65,7 @@ struct Tree<'a> {
     mesh: &'a Patches,
     /// Elements from the faces down: children always follow their parents.
     areas: &'a [f64],
-    problem: &'a Problem,
+    problem: Problem,
     /// Largest reflectance, over colours and patches under each element.
     reflectance: Vec<f32>,
 }
@@ -121,6 +121,23 @@ impl Tree<'_> {
         next
     }
 
+    /// Sums of the rows of F, for the patches.
+    fn row_sums(&self, links: &[Link]) -> Vec<f64> {
+        let mut sums = vec![0.0; self.areas.len()];
+        for l in links {
+            sums[l.p as usize] += f64::from(l.exchange) / self.areas[l.p as usize];
+            sums[l.q as usize] += f64::from(l.exchange) / self.areas[l.q as usize];
+        }
+        for e in 0..sums.len() {
+            let child = self.mesh.elements[e].child as usize;
+            if child != NONE as usize {
+                sums[child] += sums[e];
+                sums[child + 1] += sums[e];
+            }
+        }
+        self.mesh.leaves.iter().map(|e| sums[*e as usize]).collect()
+    }
+
     fn solve(&self, links: &[Link], light: &mut Channels, observer: &dyn Observer) -> Option<u32> {
         for round in 1..=MOST_ITERATIONS {
             if observer.should_stop() {
@@ -159,7 +176,7 @@ pub fn solve(
             c => reflectance[c].max(reflectance[c + 1]),
         };
     }
-    let tree = Tree { mesh, areas: &factors.areas, problem, reflectance };
+    let mut tree = Tree { mesh, areas: &factors.areas, problem: problem.clone(), reflectance };
     let sent: f64 = (0..mesh.len()).map(|i| f64::from(brightest(&problem.source, i)) * problem.areas[i]).sum();
     let tolerance = (f64::from(epsilon) * sent) as f32;
     let mut light = problem.source.clone();
@@ -236,11 +253,22 @@ pub fn solve(
         }
         observer.advance(0, effort.rays);
         effort.linking_seconds += linking.elapsed().as_secs_f64();
+        let sums = tree.row_sums(&links);
+        let scale: Vec<f32> = sums.iter().map(|s| scale_of(*s)).collect();
+        for (own, given) in tree.problem.reflectance.iter_mut().zip(&problem.reflectance) {
+            own.iter_mut().zip(given).zip(&scale).for_each(|((o, g), s)| *o = g * s);
+        }
+        let total: f64 = problem.areas.iter().sum();
+        effort.closure = Closure {
+            least: sums.iter().copied().fold(f64::INFINITY, f64::min),
+            mean: sums.iter().zip(&problem.areas).map(|(s, a)| s * a).sum::<f64>() / total,
+            most: sums.iter().copied().fold(0.0, f64::max),
+            scale,
+            rays: effort.rays,
+        };
         effort.iterations += tree.solve(&links, &mut light, observer).ok_or(Unsolved::Stopped)?;
     }
     effort.links = links.len() as u64;
-    let area: f64 = problem.areas.iter().sum();
-    effort.closure = links.iter().map(|l| 2.0 * f64::from(l.exchange)).sum::<f64>() / area;
     Ok((light, effort))
 }
 

@@ -13,7 +13,7 @@
 //! The product takes only the columns of patches that shine, which for the usual lamp is a small share of all. W⁻¹ wants
 //! ρ > 0: black patches count as of ρ = 10⁻⁴ here, and then reflect nothing.
 
-use super::{Channels, Problem};
+use super::{Channels, Problem, dot_one};
 use crate::integrators::radiosity::form_factors::Symmetric;
 use crate::render::Observer;
 use faer::dyn_stack::{MemBuffer, MemStack};
@@ -95,13 +95,23 @@ impl Inverse {
             let shining: Vec<(usize, f32)> =
                 source.iter().enumerate().filter(|(_, s)| **s != 0.0).map(|(j, s)| (j, s / w[j])).collect();
             let mut light = vec![0.0; n];
-            light.par_chunks_mut(ROWS).enumerate().for_each(|(part, rows)| {
-                let first = part * ROWS;
-                for (j, s) in &shining {
-                    let column = &self.columns[c][j * n + first..j * n + first + rows.len()];
-                    rows.iter_mut().zip(column).for_each(|(y, x)| *y += x * s);
-                }
-            });
+            let matrix = &self.columns[c];
+            if shining.len() < n / 4 {
+                light.par_chunks_mut(ROWS).enumerate().for_each(|(part, rows)| {
+                    let first = part * ROWS;
+                    for (j, s) in &shining {
+                        let column = &matrix[j * n + first..j * n + first + rows.len()];
+                        rows.iter_mut().zip(column).for_each(|(y, x)| *y += x * s);
+                    }
+                });
+            } else {
+                // Where most shine, memory is read from one end to the other.
+                let mut all = vec![0.0; n];
+                shining.iter().for_each(|(j, s)| all[*j] = *s);
+                light.par_iter_mut().with_min_len(64).enumerate().for_each(|(i, y)| {
+                    *y = dot_one(&matrix[i * n..(i + 1) * n], &all) as f32;
+                });
+            }
             for i in 0..n {
                 let reflected = if problem.reflectance[c][i] > 0.0 { w[i] * light[i] } else { 0.0 };
                 light[i] = source[i] + reflected;

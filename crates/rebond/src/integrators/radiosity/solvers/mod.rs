@@ -61,18 +61,21 @@ impl Problem {
     }
 }
 
-/// Σ a_j x_j for each colour, over the columns of `a`.
-fn dot(a: &[f32], x: &Channels) -> [f64; 3] {
+/// Σ a_j x_j over the columns of `a`.
+fn dot_one(a: &[f32], x: &[f32]) -> f64 {
     let (whole, rest) = a.as_chunks::<16>();
-    x.each_ref().map(|x| {
-        let mut sum = F32x16::zero();
-        for (k, chunk) in whole.iter().enumerate() {
-            sum = F32x16::load(chunk).mul_add(F32x16::load(&x[16 * k..]), sum);
-        }
-        let lanes: f64 = (0..16).map(|l| f64::from(sum.lane(l))).sum();
-        let tail = rest.iter().zip(&x[16 * whole.len()..]);
-        lanes + tail.map(|(a, x)| f64::from(*a) * f64::from(*x)).sum::<f64>()
-    })
+    let mut sum = F32x16::zero();
+    for (k, chunk) in whole.iter().enumerate() {
+        sum = F32x16::load(chunk).mul_add(F32x16::load(&x[16 * k..]), sum);
+    }
+    let lanes: f64 = (0..16).map(|l| f64::from(sum.lane(l))).sum();
+    let tail = rest.iter().zip(&x[16 * whole.len()..]);
+    lanes + tail.map(|(a, x)| f64::from(*a) * f64::from(*x)).sum::<f64>()
+}
+
+/// The same for each colour.
+fn dot(a: &[f32], x: &Channels) -> [f64; 3] {
+    x.each_ref().map(|x| dot_one(a, x))
 }
 
 /// y_j += a_j s for each colour.

@@ -8,7 +8,7 @@
 //! What is unshot is shown as if it came from everywhere alike, `ρ_j Σ A ΔL / Σ A (1 − ρ̄)`, until it has been shot.
 
 use super::{Channels, Problem};
-use crate::integrators::radiosity::form_factors::FormFactors;
+use crate::integrators::radiosity::form_factors::{FormFactors, scale_of};
 use crate::render::Observer;
 use rayon::prelude::*;
 
@@ -23,6 +23,8 @@ pub struct Shooting {
     unshot: Channels,
     /// Rows of A_i F_ij that were needed, as long as they are allowed to be kept.
     rows: Vec<Option<Vec<f32>>>,
+    /// What each patch's row is multiplied by, as far as it has been needed.
+    scale: Vec<Option<f32>>,
     kept: u64,
     memory: u64,
     /// Power of the sources, over π.
@@ -41,6 +43,7 @@ impl Shooting {
             light: problem.source.clone(),
             unshot: problem.source.clone(),
             rows: vec![None; n],
+            scale: vec![None; n],
             kept: 0,
             memory,
             sent: 0.0,
@@ -96,6 +99,17 @@ impl Shooting {
                     (row, false)
                 }
             };
+            if self.scale[i].is_none() {
+                // What it received before its row was known is brought down now.
+                let sum: f64 = row.iter().map(|x| f64::from(*x)).sum();
+                let scale = scale_of(sum / problem.areas[i]);
+                for c in 0..3 {
+                    let source = problem.source[c][i];
+                    self.light[c][i] = source + scale * (self.light[c][i] - source);
+                    self.unshot[c][i] = source + scale * (self.unshot[c][i] - source);
+                }
+                self.scale[i] = Some(scale);
+            }
             for c in 0..3 {
                 let shot = std::mem::take(&mut self.unshot[c][i]);
                 if shot == 0.0 {
@@ -103,7 +117,8 @@ impl Shooting {
                 }
                 for j in 0..n {
                     let gain = f64::from(problem.reflectance[c][j]) / problem.areas[j];
-                    let more = (gain * f64::from(row[j]) * f64::from(shot)) as f32;
+                    let scale = self.scale[j].unwrap_or(1.0);
+                    let more = (gain * f64::from(row[j]) * f64::from(shot)) as f32 * scale;
                     self.light[c][j] += more;
                     self.unshot[c][j] += more;
                 }
