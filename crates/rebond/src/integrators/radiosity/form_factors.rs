@@ -98,10 +98,15 @@ pub struct Samples {
 }
 
 impl Samples {
-    /// How far V K may be from its mean: its range, or where nothing got through what one ray in sixteen may have missed.
+    /// How far V K may be from its mean: its range, or where nothing got through what one ray in sixteen may have missed. Where no
+    /// ray saw both fronts there is no telling.
     pub fn spread(&self) -> f32 {
         let [least, most] = self.range;
-        if most > 0.0 { most - least } else { self.all / (POINTS * POINTS) as f32 }
+        match (self.all > 0.0, most > 0.0) {
+            (true, true) => most - least,
+            (true, false) => self.all / (POINTS * POINTS) as f32,
+            (false, _) => f32::INFINITY,
+        }
     }
 
     /// The share of light that gets through. Where no ray saw both fronts there is next to none.
