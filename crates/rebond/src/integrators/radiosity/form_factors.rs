@@ -163,7 +163,7 @@ impl<'a> FormFactors<'a> {
     }
 
     /// How many triangles there are.
-    pub fn len(&self) -> usize {
+    pub fn count(&self) -> usize {
         self.corners.len()
     }
 
@@ -401,7 +401,7 @@ impl Symmetric {
 
     /// All form factors `A_i F_ij`. None if told to stop.
     pub fn form_factors(factors: &FormFactors, observer: &dyn Observer) -> Option<(Self, Closure)> {
-        let n = factors.len();
+        let n = factors.count();
         let mut lower = vec![0.0; n * n.saturating_sub(1) / 2];
         let mut rows: Vec<(usize, &mut [f32])> = Vec::with_capacity(n);
         let mut rest = &mut lower[..];
@@ -437,8 +437,8 @@ impl Symmetric {
         Some((matrix, closure))
     }
 
-    /// Rows and columns.
-    pub fn len(&self) -> usize {
+    /// How many rows and columns there are.
+    pub fn side(&self) -> usize {
         self.n
     }
 

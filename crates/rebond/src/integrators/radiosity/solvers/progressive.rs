@@ -116,9 +116,9 @@ impl Shooting {
                 if shot == 0.0 {
                     continue;
                 }
-                for j in 0..n {
+                for (j, exchange) in row.iter().enumerate() {
                     let gain = f64::from(problem.reflectance[c][j]) / problem.areas[j];
-                    let more = gain * f64::from(row[j]) * shot * f64::from(self.scale[j].unwrap_or(1.0));
+                    let more = gain * f64::from(*exchange) * shot * f64::from(self.scale[j].unwrap_or(1.0));
                     self.reflected[c][j] += more;
                     self.unshot[c][j] += more;
                 }
