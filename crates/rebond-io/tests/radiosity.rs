@@ -194,9 +194,9 @@ fn reciprocity_and_bits_do_not_hang_on_threads() {
         })
         .collect();
     let mut seen = 0;
-    for i in 0..n {
-        for j in 0..i {
-            let (a, b) = (rows[i][j], rows[j][i]);
+    for (i, row) in rows.iter().enumerate() {
+        for (j, other) in rows.iter().enumerate().take(i) {
+            let (a, b) = (row[j], other[i]);
             assert!((a - b).abs() <= 1e-5 * a.max(b), "{i}, {j}: {a}, {b}");
             seen += u32::from(a > 0.0);
         }

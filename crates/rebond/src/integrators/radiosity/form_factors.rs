@@ -98,10 +98,15 @@ pub struct Samples {
 }
 
 impl Samples {
-    /// How far V K may be from its mean: its range, or where nothing got through what one ray in sixteen may have missed.
+    /// How far V K may be from its mean: its range, or where nothing got through what one ray in sixteen may have missed. Where no
+    /// ray saw both fronts there is no telling.
     pub fn spread(&self) -> f32 {
         let [least, most] = self.range;
-        if most > 0.0 { most - least } else { self.all / (POINTS * POINTS) as f32 }
+        match (self.all > 0.0, most > 0.0) {
+            (true, true) => most - least,
+            (true, false) => self.all / (POINTS * POINTS) as f32,
+            (false, _) => f32::INFINITY,
+        }
     }
 
     /// The share of light that gets through. Where no ray saw both fronts there is next to none.
@@ -158,7 +163,7 @@ impl<'a> FormFactors<'a> {
     }
 
     /// How many triangles there are.
-    pub fn len(&self) -> usize {
+    pub fn count(&self) -> usize {
         self.corners.len()
     }
 
@@ -396,7 +401,7 @@ impl Symmetric {
 
     /// All form factors `A_i F_ij`. None if told to stop.
     pub fn form_factors(factors: &FormFactors, observer: &dyn Observer) -> Option<(Self, Closure)> {
-        let n = factors.len();
+        let n = factors.count();
         let mut lower = vec![0.0; n * n.saturating_sub(1) / 2];
         let mut rows: Vec<(usize, &mut [f32])> = Vec::with_capacity(n);
         let mut rest = &mut lower[..];
@@ -432,8 +437,8 @@ impl Symmetric {
         Some((matrix, closure))
     }
 
-    /// Rows and columns.
-    pub fn len(&self) -> usize {
+    /// How many rows and columns there are.
+    pub fn side(&self) -> usize {
         self.n
     }
 

@@ -15,7 +15,7 @@
 //! | [`form_factors`] | F |
 //! | [`solvers`] | L |
 //! | [`solution`] | what comes out |
-//! | [`view`] | what a camera sees of it |
+//! | `view` | what a camera sees of it |
 //!
 //! With `gather=N` each camera hit collects light over N directions from the solution, and one point of one light itself: shadows are
 //! then as fine as pixels, and only what is reflected at least twice comes from patches.

@@ -223,7 +223,7 @@ pub fn solve(
                 }
                 good
             });
-            if pending.len() < before / 500 {
+            if round > 1 && pending.len() < before / 500 {
                 // As good as before: they may stay.
                 let kept: Vec<(Vec<Link>, u64)> = pending.par_iter().map(|(p, q)| linker.whole(*p, *q)).collect();
                 kept.into_iter().for_each(|(l, _)| links.extend(l));

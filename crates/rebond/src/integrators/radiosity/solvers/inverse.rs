@@ -56,7 +56,7 @@ impl Inverse {
             .map(|c| if observer.should_stop() { None } else { inverse(matrix, &weights(problem, c)) })
             .collect();
         let columns: Option<Vec<Vec<f32>>> = columns.into_iter().collect();
-        Some(Self { n: matrix.len(), columns: columns?.try_into().ok()? })
+        Some(Self { n: matrix.side(), columns: columns?.try_into().ok()? })
     }
 
     /// From what [`Inverse::lower`] gave; none if that is not three triangles of n rows.
@@ -81,11 +81,6 @@ impl Inverse {
     /// The lower triangle of a colour's X, the diagonal included, row after row.
     pub fn lower(&self, channel: usize) -> impl Iterator<Item = &[f32]> {
         (0..self.n).map(move |i| &self.columns[channel][i * self.n..i * self.n + i + 1])
-    }
-
-    /// How many patches it is for.
-    pub fn len(&self) -> usize {
-        self.n
     }
 
     /// `(I − T)⁻¹ S`.
@@ -123,7 +118,7 @@ impl Inverse {
 
 /// `(I − C)⁻¹ − I`.
 fn inverse(matrix: &Symmetric, w: &[f32]) -> Option<Vec<f32>> {
-    let n = matrix.len();
+    let n = matrix.side();
     let mut a = vec![0.0_f32; n * n];
     // The lower triangle, column by column.
     for i in 0..n {

@@ -17,7 +17,7 @@ const PARTS: usize = 32;
 
 /// `S + T L`.
 pub fn step(matrix: &Symmetric, problem: &Problem, light: &Channels) -> Channels {
-    let n = matrix.len();
+    let n = matrix.side();
     // Of a triangle, equal areas.
     let bound = |p: usize| ((p as f64 / PARTS as f64).sqrt() * n as f64).round() as usize;
     let parts: Vec<Channels> = (0..PARTS)
@@ -68,13 +68,11 @@ pub fn jacobi(matrix: &Symmetric, problem: &Problem, observer: &dyn Observer) ->
 
 /// Gauss and Seidel's iteration; with how many rounds it took. None if told to stop.
 pub fn gauss_seidel(matrix: &Symmetric, problem: &Problem, observer: &dyn Observer) -> Option<(Channels, u32)> {
-    let n = matrix.len();
+    let n = matrix.side();
     let mut light = problem.source.clone();
     // What arrives from patches after each one, by their last values.
     let mut later = problem.zeros();
-    for i in 0..n {
-        add_scaled(matrix.row(i), [0, 1, 2].map(|c| light[c][i]), &mut later);
-    }
+    (0..n).for_each(|i| add_scaled(matrix.row(i), [0, 1, 2].map(|c| light[c][i]), &mut later));
     for round in 1..=MOST_ITERATIONS {
         if observer.should_stop() {
             return None;

@@ -19,8 +19,9 @@ const PART: usize = 1024;
 
 /// Shooting under way.
 pub struct Shooting {
-    light: Channels,
-    unshot: Channels,
+    /// What has been reflected. Apart from the sources, beside which small light would be lost.
+    reflected: [Vec<f64>; 3],
+    unshot: [Vec<f64>; 3],
     /// Rows of A_i F_ij that were needed, as long as they are allowed to be kept.
     rows: Vec<Option<Vec<f32>>>,
     /// What each patch's row is multiplied by, as far as it has been needed.
@@ -40,8 +41,8 @@ impl Shooting {
     pub fn new(problem: &Problem, memory: u64) -> Self {
         let n = problem.areas.len();
         let mut shooting = Self {
-            light: problem.source.clone(),
-            unshot: problem.source.clone(),
+            reflected: std::array::from_fn(|_| vec![0.0; n]),
+            unshot: problem.source.each_ref().map(|s| s.iter().map(|x| f64::from(*x)).collect()),
             rows: vec![None; n],
             scale: vec![None; n],
             kept: 0,
@@ -55,7 +56,7 @@ impl Shooting {
     }
 
     fn power(&self, problem: &Problem, i: usize) -> f64 {
-        self.unshot.iter().map(|c| f64::from(c[i].abs())).sum::<f64>() * problem.areas[i]
+        self.unshot.iter().map(|c| c[i].abs()).sum::<f64>() * problem.areas[i]
     }
 
     /// The patch with the most unshot power, and what all have.
@@ -104,8 +105,8 @@ impl Shooting {
                 let sum: f64 = row.iter().map(|x| f64::from(*x)).sum();
                 let scale = scale_of(sum / problem.areas[i]);
                 for c in 0..3 {
-                    let source = problem.source[c][i];
-                    self.light[c][i] = source + scale * (self.light[c][i] - source);
+                    let (source, scale) = (f64::from(problem.source[c][i]), f64::from(scale));
+                    self.reflected[c][i] *= scale;
                     self.unshot[c][i] = source + scale * (self.unshot[c][i] - source);
                 }
                 self.scale[i] = Some(scale);
@@ -115,11 +116,10 @@ impl Shooting {
                 if shot == 0.0 {
                     continue;
                 }
-                for j in 0..n {
+                for (j, exchange) in row.iter().enumerate() {
                     let gain = f64::from(problem.reflectance[c][j]) / problem.areas[j];
-                    let scale = self.scale[j].unwrap_or(1.0);
-                    let more = (gain * f64::from(row[j]) * f64::from(shot)) as f32 * scale;
-                    self.light[c][j] += more;
+                    let more = gain * f64::from(*exchange) * shot * f64::from(self.scale[j].unwrap_or(1.0));
+                    self.reflected[c][j] += more;
                     self.unshot[c][j] += more;
                 }
             }
@@ -139,11 +139,16 @@ impl Shooting {
 
     /// L so far, and what is unshot as if it came from everywhere alike.
     pub fn with_ambient(&self, problem: &Problem) -> Channels {
-        let (unshot, reflectance) = (problem.mean(&self.unshot), problem.mean(&problem.reflectance));
+        let total: f64 = problem.areas.iter().sum();
+        let reflectance = problem.mean(&problem.reflectance);
         std::array::from_fn(|c| {
-            let ambient = unshot[c] / (1.0 - reflectance[c]).max(1e-3);
-            let of = |(l, r): (&f32, &f32)| l + r * ambient;
-            self.light[c].iter().zip(&problem.reflectance[c]).map(of).collect()
+            let unshot: f64 = self.unshot[c].iter().zip(&problem.areas).map(|(x, a)| x * a).sum();
+            let ambient = unshot / total / f64::from(1.0 - reflectance[c]).max(1e-3);
+            let of = |i: usize| {
+                let ambient = f64::from(problem.reflectance[c][i]) * ambient;
+                (f64::from(problem.source[c][i]) + self.reflected[c][i] + ambient) as f32
+            };
+            (0..problem.areas.len()).map(of).collect()
         })
     }
 }
