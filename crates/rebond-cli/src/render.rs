@@ -105,7 +105,13 @@ fn split(text: &str) -> Result<Split, String> {
         "length" => PathLayer::by_length(LONGEST),
         "class" => PathLayer::by_class(),
         _ => {
-            let expressions = text.split(',').map(|e| e.trim().parse()).collect::<Result<Vec<PathExpression>, _>>()?;
+            // Commas within braces are of the expression.
+            let mut depth = 0;
+            let parts = text.split(|c: char| {
+                depth += i32::from(c == '{') - i32::from(c == '}');
+                c == ',' && depth == 0
+            });
+            let expressions = parts.map(|e| e.trim().parse()).collect::<Result<Vec<PathExpression>, _>>()?;
             if let Some(twice) = expressions.iter().enumerate().find(|(i, e)| expressions[..*i].contains(e)) {
                 return Err(format!("{} is there twice", twice.1));
             }
@@ -197,8 +203,14 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
     };
     let layers = a.split.as_ref().map_or(&[][..], |s| &s.0);
     let of_layers = layer_outputs(&outputs, layers.iter().map(|l| &*l.name));
-    check(&outputs)?;
-    check(&of_layers.iter().map(|(_, path)| path.clone()).collect::<Vec<_>>())?;
+    let all: Vec<PathBuf> = outputs.iter().chain(of_layers.iter().map(|(_, path)| path)).cloned().collect();
+    check(&all)?;
+    if !of_layers.is_empty()
+        && let Some(twice) = all.iter().enumerate().find(|(i, path)| all[..*i].contains(path))
+    {
+        let message = format!("two pictures would be called \"{}\"", twice.1.display());
+        return Err(Failure::usage(message, "write an .exr, which holds all layers, or give other names"));
+    }
     // Files that the command line names are relative to where it is given, those of a scene to the scene.
     let files = if integrator.is_some() { &SceneFiles::Folder(PathBuf::new()) } else { source.files() };
     let mut settings = integrator.unwrap_or_else(|| source.description.integrator.clone());
@@ -246,6 +258,9 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
         && let Some(what) = settings.leaves_out()
     {
         note(&format!("note: biased: {what}"));
+    }
+    if !a.quiet {
+        settings.warnings(&scene).iter().for_each(|w| note(&format!("warning: only the diffuse part of {w}")));
     }
     let names: Vec<String> = layers.iter().map(|l| l.name.clone()).collect();
     let mut film = Film::try_new(region.width, region.height, &names).ok_or_else(|| {

@@ -187,12 +187,16 @@ fn light_is_split_into_layers() {
         let sum: f32 = parts.iter().map(|p| p[i][1]).sum();
         assert!((sum - pixel[1]).abs() <= 1e-5 * pixel[1], "{sum} for {}", pixel[1]);
     }
+    // Commas within braces part nothing, on either side.
+    answer(&folder, &small(&["--split", "LD{1,2}E,LE", "-o", "b.exr"]));
+    answer(&folder, &small(&["-i", "path:paths=LD{1,2}E", "-o", "b.exr", "--json"]));
     // What is left out is said, unless nothing is to be said or JSON says it.
     let clamped = run(&folder, &small(&["-i", "path:max_depth=2"]));
     assert_eq!(text(&clamped.stderr), "note: biased: paths of more than max_depth=2 segments are left out\n");
     for (arguments, part) in [
         (["--split", "LXE"], "'X' stands for nothing"),
         (["--split", "LE,LE"], "twice"),
+        (["--split", "L(S|T)E,L[S|T]E"], "two pictures"),
         (["-i", "path:paths=DE"], "begin with L"),
         (["-i", "path:mode=explicitly"], "explicit"),
     ] {

@@ -3,16 +3,19 @@
 mod common;
 
 use common::*;
-use rebond::integrators::RadiositySettings;
+use rebond::film::Film;
 use rebond::integrators::radiosity::form_factors::{FormFactors, Kind, Symmetric};
 use rebond::integrators::radiosity::patches::Patches;
 use rebond::integrators::radiosity::{Report, Solution, Solver, Unsolvable, sampler, solve};
-use rebond::render::Observer;
+use rebond::integrators::{IntegratorSettings, RadiositySettings};
+use rebond::render::{Budget, Engine, Observer, Region, render};
+use rebond::sampling::{Sampler, SamplerSettings};
 use rebond::scene::Scene;
 use rebond::transport::form_factor::{parallel_rectangles, perpendicular_rectangles};
 use rebond_io::{SceneSource, read_solution, write_glb, write_solution};
 use std::collections::HashSet;
 use std::num::NonZeroU32;
+use std::sync::Arc;
 
 fn with(patches: u32, solver: Solver) -> RadiositySettings {
     let patches = NonZeroU32::new(patches).expect("not 0");
@@ -281,6 +284,43 @@ fn relighting_is_solving_with_other_lights() {
     assert!(found < 1e-4, "{found:e}");
     let (mut without, _) = solved(&scene, &with(100, Solver::Jacobi));
     assert!(!without.relight(&[(0, lamp)]), "there is no inverse");
+}
+
+/// A point light that relighting does not touch is gathered from as before; and a solution fits no scene but its own.
+#[test]
+fn relit_solutions_are_gathered_from() {
+    let text = |reflectance: f64| {
+        format!(
+            "film = {{ width = 24, height = 24 }}\n[camera]\ntype = \"orthographic\"\n\
+             to_world.look_at = {{ origin = [0, 0, 0.9], target = [0, 0, 0], up = [0, 1, 0] }}\n\
+             [[emitters]]\ntype = \"point\"\nposition = [0.2, 0.1, 0.8]\nintensity = 1\n\
+             [[shapes]]\ntype = \"rectangle\"\nmaterial = {{ type = \"diffuse\", reflectance = {reflectance} }}\n\
+             [[shapes]]\ntype = \"rectangle\"\nemission = 0.5\n\
+             to_world = [{{ rotate = {{ axis = [1, 0, 0], angle = 180 }} }}, {{ translate = [0, 0, 1] }}]\n"
+        )
+    };
+    let (source, other) = (parse(&text(0.5)), parse(&text(0.2)));
+    let scene = source.build().expect("a scene");
+    let settings = RadiositySettings { gather: 8, ..with(200, Solver::Inverse) };
+    let (solution, _) = solved(&scene, &settings);
+    let mut relit = solution.clone();
+    assert!(relit.relight(&[(1, [0.5; 3])]));
+    let view = |solution: &Solution, scene: &Scene| {
+        let settings = RadiositySettings { loaded: Some(Arc::new(solution.clone())), ..settings.clone() };
+        let sampler = Sampler::new(SamplerSettings::default(), 1);
+        let integrator =
+            IntegratorSettings::Radiosity(Box::new(settings)).integrator(scene, sampler, Engine::Wavefront);
+        integrator.map(|i| {
+            let mut film = Film::new(24, 24);
+            let budget = Budget { samples: Some(64), ..Budget::default() };
+            render(&*i, &mut film, Region::whole(24, 24), 0, &budget, 2, &());
+            mean_of(&film)[1]
+        })
+    };
+    let (before, after) = (view(&solution, &scene).expect("its scene"), view(&relit, &scene).expect("its scene"));
+    assert!(before > 0.1 && (after / before - 1.0).abs() < 0.01, "{before} {after}");
+    let scene = other.build().expect("a scene");
+    assert!(view(&solution, &scene).expect_err("another scene").message.contains("another scene"));
 }
 
 fn mean_of(film: &rebond::film::Film) -> [f64; 3] {

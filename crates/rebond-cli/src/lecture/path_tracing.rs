@@ -56,7 +56,7 @@ fn recursion(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
     let depth = workshop.pick([4, 6, 8]);
     out.text(format!(
         "With N samples at every hit, segment d costs N^(d − 1) rays, and most rays go where they matter least. The \
-         Cornell box, rays per camera ray up to {depth} segments; all four estimate the same picture.",
+         Cornell box, rays per camera ray up to {depth} segments; all three estimate the same picture.",
     ));
     let stage = workshop.stage("cornell-box", workshop.pick([[16, 16], [32, 32], [64, 64]]))?;
     let samples = workshop.pick([1, 4, 16]);

@@ -132,6 +132,14 @@ impl IntegratorSettings {
         }
     }
 
+    /// What of this scene it does not show as it is, in words.
+    pub fn warnings(&self, scene: &Scene) -> Vec<String> {
+        match self {
+            Self::Radiosity(settings) => radiosity::dropped(scene, settings),
+            _ => Vec::new(),
+        }
+    }
+
     /// Whether all of its samples have one expectation, so that pixels may have more or fewer of them.
     pub fn is_adaptable(&self) -> bool {
         !matches!(self, Self::Radiosity(_))

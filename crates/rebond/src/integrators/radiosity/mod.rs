@@ -354,9 +354,9 @@ impl Prepared {
         FormFactors::new(scene, &self.mesh, &self.mesh.leaves, self.kinds(), settings.rays, seed)
     }
 
-    fn solution(self, faces: &[Face], light: &Channels, inverse: Option<Inverse>) -> Solution {
+    fn solution(self, scene: &Scene, faces: &[Face], light: &Channels, inverse: Option<Inverse>) -> Solution {
         Solution {
-            key: solution::key(faces),
+            key: solution::key(scene, faces),
             mesh: self.mesh,
             emission: self.emission,
             external: self.external,
@@ -532,13 +532,13 @@ fn solve_prepared(
                 let start = Instant::now();
                 let light = inverse.solve(problem);
                 report.solve_seconds += start.elapsed().as_secs_f64();
-                return Ok(prepared.solution(faces, &light, Some(inverse)));
+                return Ok(prepared.solution(scene, faces, &light, Some(inverse)));
             }
             let iterate = if solver == Solver::Jacobi { iterative::jacobi } else { iterative::gauss_seidel };
             let (light, rounds) = iterate(&matrix, problem, observer).ok_or(Unsolvable::Stopped)?;
             report.solve_seconds += start.elapsed().as_secs_f64();
             report.iterations += u64::from(rounds);
-            Ok(prepared.solution(faces, &light, None))
+            Ok(prepared.solution(scene, faces, &light, None))
         }
         Solver::Progressive => {
             let problem = &prepared.problem;
@@ -552,7 +552,7 @@ fn solve_prepared(
             report.rays += shooting.rays;
             report.bytes = shooting.bytes();
             let light = shooting.with_ambient(problem);
-            Ok(prepared.solution(faces, &light, None))
+            Ok(prepared.solution(scene, faces, &light, None))
         }
         Solver::Hierarchical => {
             let (mesh, problem) = (&prepared.mesh, &prepared.problem);
@@ -583,7 +583,7 @@ fn solve_prepared(
             report.bytes = effort.links * hierarchical::LINK_BYTES;
             prepared.bring_down(&effort.closure.scale);
             report.closure = Some(effort.closure);
-            Ok(prepared.solution(faces, &light, None))
+            Ok(prepared.solution(scene, faces, &light, None))
         }
     }
 }
@@ -624,7 +624,7 @@ impl<'a> Radiosity<'a> {
         settings.check()?;
         let (faces, _) = faces_of(scene, &settings)?;
         match &settings.loaded {
-            Some(solution) if solution.key != solution::key(&faces) => {
+            Some(solution) if solution.key != solution::key(scene, &faces) => {
                 let file = settings.solution.as_deref().unwrap_or_default();
                 let message = format!("the solution \"{file}\" is of another scene");
                 return Err(error(message, "solve this one with `rebond radiosity`"));
@@ -704,7 +704,7 @@ impl<'a> Radiosity<'a> {
             return None;
         }
         let light = shooting.with_ambient(&problem);
-        let view = self.view(prepared.solution(&faces, &light, None));
+        let view = self.view(prepared.solution(self.scene, &faces, &light, None));
         Some(State::Shooting(Box::new((shooting, factors, problem, view))))
     }
 }
@@ -720,6 +720,11 @@ impl Integrator for Radiosity<'_> {
         let Some(view) = view else { return Rays::default() };
         self.engine.integrator(self.scene, self.sampler, view, None).add_samples(film, pass, observer)
     }
+}
+
+/// What `diffuse_only` drops of a scene, in words.
+pub(super) fn dropped(scene: &Scene, settings: &RadiositySettings) -> Vec<String> {
+    faces_of(scene, settings).map_or(Vec::new(), |(_, dropped)| dropped)
 }
 
 /// A sampler for solutions that belong to no render.

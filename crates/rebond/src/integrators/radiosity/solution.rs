@@ -31,8 +31,8 @@ pub struct Solution {
     pub relit: bool,
 }
 
-/// A hash of what a scene's faces are: where, and of which shape.
-pub fn key(faces: &[Face]) -> u64 {
+/// A hash of what a scene's faces are: where, of which shape, what they emit and reflect.
+pub fn key(scene: &Scene, faces: &[Face]) -> u64 {
     // FNV-1a.
     let mut hash = 0xcbf2_9ce4_8422_2325_u64;
     let mut add = |word: u64| {
@@ -43,6 +43,8 @@ pub fn key(faces: &[Face]) -> u64 {
     for f in faces {
         f.corners.iter().for_each(|p| p.to_array().iter().for_each(|x| add((*x as f32).to_bits().into())));
         add(u64::from(f.shape) << 1 | u64::from(f.behind));
+        let reflectance = scene.diffuse_part(f.material, [0.5; 2], f.behind).reflectance;
+        f.emission.iter().chain(&reflectance).for_each(|x| add(x.to_bits().into()));
     }
     hash
 }
@@ -163,7 +165,7 @@ impl Solution {
     /// A solution from its parts, as a file holds them, for the scene that it is of; or what is wrong with them.
     pub fn restore(scene: &Scene, parts: Parts) -> Result<Self, String> {
         let faces = scene.faces();
-        if key(&faces) != parts.key {
+        if key(scene, &faces) != parts.key {
             return Err("it is of another scene, or of another state of this one".into());
         }
         let mesh =

@@ -112,9 +112,9 @@ impl Shade for View {
     fn shade<F: Real>(&self, scene: &Scene, path: &mut PathState<F>, hit: &Hit<F>, active: F::Mask) -> Bounce<F> {
         let found = active & is_hit(hit);
         let first = path.depth.eq(F::Index::splat(1));
-        // A relit solution does not shine as the scene's lights do: all of its light is found by directions.
-        let sampled_lights = self.gather > 0 && !self.solution.relit;
-        let missed = active.and_not(found) & if sampled_lights { first } else { F::Mask::splat(true) };
+        // The surfaces of a relit solution do not shine as the scene's do: their light is found by directions.
+        let (gathers, relit) = (self.gather > 0, self.solution.relit);
+        let missed = active.and_not(found) & if gathers { first } else { F::Mask::splat(true) };
         if missed.any() {
             for (radiance, _) in scene.surroundings(path.origin(), path.normal(), path.direction()) {
                 path.add(radiance, missed);
@@ -134,8 +134,7 @@ impl Shade for View {
         let n = surface.ng.facing(surface.wo);
         let starts = here & seen.reflectance.is_lit();
         let mut shadow = None;
-        if sampled_lights
-            && starts.any()
+        if starts.any()
             && let Some(light) = scene.sample_light(
                 surface.p,
                 n,
@@ -147,14 +146,16 @@ impl Shade for View {
             )
         {
             let cos = n.dot(light.wi).relu();
-            let contribution = path.throughput() * seen.reflectance * light.weight * (cos * FRAC_1_PI);
+            let counts = light.infinite | light.pdf.0.le(F::zero()) | F::Mask::splat(!relit);
+            let weight = light.weight.masked(counts);
+            let contribution = path.throughput() * seen.reflectance * weight * (cos * FRAC_1_PI);
             shadow = ShadowRay::new(&surface, &light, path.time, contribution, F::Index::splat(0), starts);
         }
 
         // What a direction of the gather found.
         let there = found.and_not(first);
         path.add(seen.reflected, there);
-        if !sampled_lights {
+        if relit {
             path.add(seen.emitted, there);
         }
         let going_on = active.and_not(first) & path.depth.lt(F::Index::splat(self.gather + 1));

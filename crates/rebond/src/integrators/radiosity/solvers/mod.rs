@@ -5,8 +5,8 @@
 //! | `inverse` | (I − T)⁻¹ once, then one product for any S | 4 N² bytes a colour |
 //! | `jacobi` | L ← S + T L, all patches at once | 2 N² bytes |
 //! | `gauss-seidel` | the same, patch after patch, each from the newest values | 2 N² bytes |
-//! | `progressive` | what is unshot, brightest patch first; shows an image at once | 4 N² bytes, or as little as 200 N |
-//! | `hierarchical` | exchange between parts as large as an error allows | 12 bytes a link |
+//! | `progressive` | what is unshot, brightest patch first; shows an image at once | 4 N² bytes, or as little as 1000 N |
+//! | `hierarchical` | exchange between parts as large as an error allows | 16 bytes a link |
 //!
 //! S is what patches send out of themselves: what they emit, and what they reflect of lights that are no patches.
 
