@@ -339,6 +339,7 @@ fn scenes_are_listed() {
         "dragon",
         "furnace",
         "glossy-spheres",
+        "indirect-room",
         "many-lights",
         "material-gallery",
         "phong-300",
@@ -348,6 +349,7 @@ fn scenes_are_listed() {
         "phong-lamp",
         "point-lights",
         "sky",
+        "smallpt",
         "veach-mis",
     ];
     let list = answer(&folder, &["scenes"]);
