@@ -1,5 +1,6 @@
 # make test     everything that must hold; sets up what it needs
 # make lint     formatting and clippy
+# make miri     the kernels' unit tests under Miri, which a nightly toolchain must have
 # make doc      the library's documentation, in target/doc
 # make bench    how to measure
 # make scenes   remakes the data of the built-in scenes
@@ -16,7 +17,7 @@ else
 PORTABLE = generic
 endif
 
-.PHONY: test tools layers test-rust test-portable doc lint bench scenes
+.PHONY: test tools layers test-rust test-portable miri doc lint bench scenes
 .NOTPARALLEL:
 
 test: layers test-rust test-portable doc
@@ -39,6 +40,12 @@ test-portable: tools
 	RUSTFLAGS="-C target-cpu=$(PORTABLE)" $(CARGO) test -p rebond-lanes -p rebond-bvh --lib --tests --no-fail-fast \
 		--target-dir $(CARGO_TARGET_DIR)/portable
 
+# Whether the kernels' portable code ever does what is undefined: `rustup toolchain install nightly --component miri,rust-src`.
+# By tree borrows, because of the crate under rayon; that one also keeps memory and makes pointers of integers.
+miri: tools
+	MIRIFLAGS="-Zmiri-tree-borrows -Zmiri-permissive-provenance -Zmiri-ignore-leaks" RUSTFLAGS="-C target-cpu=$(PORTABLE)" \
+		$(CARGO) +nightly miri test -p rebond-lanes -p rebond-bvh --lib --target-dir $(CARGO_TARGET_DIR)/miri
+
 doc: tools
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --workspace --lib --no-deps
 
@@ -58,4 +65,5 @@ scenes: tools
 	$(PYTHON) scenes/make/window.py scenes/window.hdr
 	$(PYTHON) scenes/make/gallery.py scenes
 	$(PYTHON) scenes/make/many_lights.py scenes
+	$(PYTHON) scenes/make/pot.py scenes/pot.ply
 	$(if $(DRAGON),$(PYTHON) scenes/make/dragon.py $(DRAGON) scenes/dragon.ply)

@@ -1,18 +1,20 @@
 """What a tree of lights gains over choosing emitters by power alone, on scenes of few and of many lights.
 
-    python3 run.py [SCENE ...] [--size 384x256] [--spp 64] [--rounds 5] [--reference 16384] [--save]
+    python3 run.py [SCENE ...] [--size 768x512] [--spp 64] [--rounds 5] [--save]
 
 Renders each scene (default: many-lights, veach-mis) with `--light-choice power` and `tree`, in turns, with the
 same number of samples and a seed of its own for each round. Prints per choice the medians of processor time and of
 
     relMSE = mean((x - ref)^2 / (ref^2 + 0.01))
 
-without the worst 0.1 % of pixels and with them, and the ratio of error x time. The reference is a tree's long rendering, of
-another seed; `rebond-io`'s test `light_choices_agree` holds the two choices to the same picture.
+without the worst 0.1 % of pixels and with them, and the ratio of error x time. No reference is rendered: both choices are
+unbiased (`rebond-io`'s test `light_choices_agree` holds them to the same picture), so the squared error is half the squared
+difference of two rounds, taken over all pairs; ref is the mean of the tree's rounds, and serves as the measure only.
 """
 
 import argparse
 import datetime
+import itertools
 import json
 import os
 import resource
@@ -57,20 +59,23 @@ def render(args, scene, choice, spp, seed):
         return read_pfm(file), cpu, answer["render_seconds"]
 
 
-def errors(image, reference):
-    e = np.sort(((image - reference) ** 2 / (reference**2 + 0.01)).mean(axis=2), axis=None)
-    return e[: len(e) - int(TRIMMED * len(e))].mean(), e.mean()
+def errors(a, b, reference):
+    """Of either of two independent pictures with the same expectation."""
+    e = np.sort((0.5 * (a - b) ** 2 / (reference**2 + 0.01)).mean(axis=2), axis=None)
+    return {"trimmed": e[: len(e) - int(TRIMMED * len(e))].mean(), "whole": e.mean()}
 
 
 def measure(args, scene):
-    reference, *_ = render(args, scene, "tree", args.reference, 1_000_003)
-    runs = {choice: [] for choice in CHOICES}
+    runs, images = ({choice: [] for choice in CHOICES} for _ in range(2))
     for round_ in range(args.rounds):
-        for choice in CHOICES if round_ % 2 else reversed(CHOICES):
-            image, cpu, wall = render(args, scene, choice, args.spp, round_)
-            trimmed, whole = errors(image, reference)
-            runs[choice].append({"cpu": cpu, "wall": wall, "trimmed": trimmed, "whole": whole})
-    median = {c: {key: statistics.median(r[key] for r in runs[c]) for key in runs[c][0]} for c in CHOICES}
+        for i, choice in enumerate(CHOICES if round_ % 2 else reversed(CHOICES)):
+            image, cpu, wall = render(args, scene, choice, args.spp, 2 * round_ + i)
+            runs[choice].append({"cpu": cpu, "wall": wall})
+            images[choice].append(image)
+    reference = np.mean(images["tree"], axis=0)
+    pairs = {c: [errors(a, b, reference) for a, b in itertools.combinations(images[c], 2)] for c in CHOICES}
+    rows = {c: (runs[c], pairs[c]) for c in CHOICES}
+    median = {c: {k: statistics.median(r[k] for r in rs) for rs in rows[c] for k in rs[0]} for c in CHOICES}
     for choice in CHOICES:
         m = median[choice]
         print(f"{scene:12} {choice:6} cpu {m['cpu']:7.2f} s  relMSE {m['trimmed']:.3e} (all pixels {m['whole']:.3e})")
@@ -78,16 +83,15 @@ def measure(args, scene):
     ratio = {key: a[key] * a["cpu"] / (b[key] * b["cpu"]) for key in ("trimmed", "whole")}
     time = b["cpu"] / a["cpu"]
     print(f"{scene:12} error x time: {ratio['trimmed']:.2f} times less (all pixels {ratio['whole']:.2f}), time x {time:.2f}")
-    return {"scene": scene, "runs": runs, "medians": median, "gain": ratio, "load": os.getloadavg()}
+    return {"scene": scene, "runs": runs, "pairs": pairs, "medians": median, "gain": ratio, "load": os.getloadavg()}
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scenes", nargs="*", default=["many-lights", "veach-mis"])
-    parser.add_argument("--size", default="384x256")
+    parser.add_argument("--size", default="768x512")
     parser.add_argument("--spp", type=int, default=64)
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--reference", type=int, default=16384, help="samples per pixel of the reference")
     parser.add_argument("--max-depth", type=int, default=6)
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--rebond", default=str(HERE.parents[1] / "target" / "release" / "rebond"), help="the program")

@@ -243,7 +243,11 @@ class _Translation:
         if kind != "orthographic":
             result["fov"] = float(camera.get("fov", 45))
             result["fov_axis"] = camera.get("fov_axis", "x")
+            if "near_clip" in camera:
+                result["near_clip"] = float(camera["near_clip"])
         if kind == "thin-lens":
+            if camera.get("aperture_blades", 0):
+                raise Unsupported("blades of an iris")
             result["aperture_radius"] = float(camera["aperture_radius"])
             result["focus_distance"] = float(camera["focus_distance"])
         return result
@@ -379,7 +383,8 @@ class _Translation:
     def emitter(self, e):
         kind = e["type"]
         if kind == "point":
-            return {"type": "point", "position": [float(x) for x in e["position"]], "intensity": self.rgb(e["intensity"])}
+            position = matrix(e.get("to_world", [])) @ [*e["position"], 1]
+            return {"type": "point", "position": [float(x) for x in position[:3]], "intensity": self.rgb(e["intensity"])}
         if kind == "spot":
             cutoff = float(e.get("cutoff_angle", 20))
             angles = {"cutoff_angle": cutoff, "beam_width": float(e.get("beam_width", 0.75 * cutoff))}

@@ -1,5 +1,6 @@
 //! The structure that answers ray queries.
 
+use crate::build::bounds::Bounds;
 use crate::query::Query;
 use crate::tree::{NO_BOUNDS, Tree};
 use crate::{Everything, Filter, Geometry, Hit, Instance, Ray, Trace, build, instance};
@@ -106,8 +107,73 @@ pub(crate) enum World {
         tree: usize,
         instance: u32,
     },
-    /// A tree over the instances.
-    Many(Tree),
+    /// Trees over the instances.
+    Many(Slices),
+}
+
+/// A tree over the instances for each of some equal parts of the time in which they move: in a short time they sweep little.
+#[derive(Debug)]
+pub(crate) struct Slices {
+    trees: Vec<Tree>,
+    start: f32,
+    per_time: f32,
+}
+
+/// At most so many parts.
+const MOST_SLICES: usize = 32;
+/// And at most so many boxes in all.
+const MOST_BOXES: usize = 1 << 22;
+/// Time is cut until instances sweep boxes of at most so many times the surface that they fill at once.
+const SWEPT: f64 = 1.5;
+/// By how much of its length a part reaches into its neighbours: it is found by rounded numbers.
+const OVERLAP: f64 = 1e-3;
+
+impl Slices {
+    /// The tree to use at a time.
+    #[inline]
+    pub fn at(&self, time: f32) -> &Tree {
+        let slice = ((time - self.start) * self.per_time) as usize;
+        &self.trees[slice.min(self.trees.len() - 1)]
+    }
+
+    /// Boxes of instances, none for those without primitives, in each part of the time.
+    fn build(instances: &[Instance], trees: &[Tree], preset: Preset) -> Result<Self, BuildError> {
+        let times = || instances.iter().filter(|i| i.keyframes.len() > 1).flat_map(|i| i.keyframes.iter().map(|k| k.0));
+        let (start, end) = times().fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), t| (a.min(t), b.max(t)));
+        let length = f64::from(end) - f64::from(start);
+        let boxes = |from: f64, to: f64| -> Vec<Option<Bounds>> {
+            let of = |instance: &Instance| {
+                let tree = &trees[instance.geometry as usize];
+                tree.root().map(|_| instance::world_bounds(instance, tree.bounds, [from as f32, to as f32]))
+            };
+            instances.iter().map(of).collect()
+        };
+        let parts = |n: usize| -> Vec<Vec<Option<Bounds>>> {
+            if !(length > 0.0) {
+                return vec![boxes(f64::NEG_INFINITY, f64::INFINITY)];
+            }
+            let at = |x: f64| f64::from(start) + length * x / n as f64;
+            (0..n).map(|i| boxes(at(i as f64 - OVERLAP), at(i as f64 + 1.0 + OVERLAP))).collect()
+        };
+        let area = |parts: &[Vec<Option<Bounds>>]| {
+            parts.iter().flatten().flatten().map(|b| f64::from(b.area())).sum::<f64>() / parts.len() as f64
+        };
+        let mut chosen = parts(1);
+        if length > 0.0 {
+            // At a few moments.
+            let moment = |i: u32| {
+                boxes(f64::from(start) + length * f64::from(i) / 4.0, f64::from(start) + length * f64::from(i) / 4.0)
+            };
+            let at_once = area(&(0..=4).map(moment).collect::<Vec<_>>());
+            let most = MOST_SLICES.min(MOST_BOXES / instances.len().max(1));
+            while chosen.len() < most && area(&chosen) > SWEPT * at_once {
+                chosen = parts(2 * chosen.len());
+            }
+        }
+        let per_time = if length > 0.0 { (chosen.len() as f64 / length) as f32 } else { 0.0 };
+        let trees = chosen.iter().map(|boxes| build::instances(boxes, preset)).collect::<Result<_, _>>()?;
+        Ok(Self { trees, start: if length > 0.0 { start } else { 0.0 }, per_time })
+    }
 }
 
 /// Surfaces, ready to be hit by rays. Immutable and shared between threads.
@@ -154,7 +220,8 @@ impl Accel {
             .iter()
             .map(|instance| {
                 let tree = &trees[instance.geometry as usize];
-                tree.root().map(|_| instance::world_bounds(instance, tree.bounds))
+                let always = [f32::NEG_INFINITY, f32::INFINITY];
+                tree.root().map(|_| instance::world_bounds(instance, tree.bounds, always))
             })
             .collect();
         let bounds = match &*placed {
@@ -164,11 +231,11 @@ impl Accel {
         let world = match &*placed {
             _ if boxes.iter().flatten().next().is_none() => World::Nothing,
             [one] if one.is_identity() => World::One { tree: one.geometry as usize, instance: 0 },
-            _ => World::Many(build::instances(&boxes, options.preset)?),
+            _ => World::Many(Slices::build(&instances, &trees, options.preset)?),
         };
         let mut all: Vec<&Tree> = trees.iter().collect();
-        if let World::Many(top) = &world {
-            all.push(top);
+        if let World::Many(slices) = &world {
+            all.extend(&slices.trees);
         }
         report.nodes = all.iter().map(|tree| tree.nodes().len() as u64).sum();
         report.bytes = all.iter().map(|tree| tree.bytes() as u64).sum();

@@ -105,8 +105,9 @@ fn at(keys: &[(f32, Affine)], time: f32) -> [[f64; 4]; 3] {
     std::array::from_fn(|i| std::array::from_fn(|j| a[i][j] * (1.0 - w) + b[i][j] * w))
 }
 
-/// The box in the world of a box that goes through all keyframes; every point moves along straight lines between them.
-pub(crate) fn world_bounds(instance: &Instance, (lo, hi): ([f32; 3], [f32; 3])) -> Bounds {
+/// The box in the world of a box that moves, from one time to another; every point moves along straight lines between
+/// keyframes.
+pub(crate) fn world_bounds(instance: &Instance, (lo, hi): ([f32; 3], [f32; 3]), [from, to]: [f32; 2]) -> Bounds {
     if (0..3).any(|k| lo[k] > hi[k]) {
         return Bounds::EMPTY;
     }
@@ -114,8 +115,9 @@ pub(crate) fn world_bounds(instance: &Instance, (lo, hi): ([f32; 3], [f32; 3])) 
     let product = |m: f64, x: f32| if m == 0.0 { 0.0 } else { m * f64::from(x) };
     let mut low = [f64::INFINITY; 3];
     let mut high = [f64::NEG_INFINITY; 3];
-    for (_, matrix) in &instance.keyframes {
-        let m = widen(matrix);
+    let keys = &instance.keyframes;
+    let between = keys.iter().filter(|(t, _)| from < *t && *t < to).map(|(_, m)| widen(m));
+    for m in between.chain([at(keys, from), at(keys, to)]) {
         for k in 0..3 {
             let (mut a, mut b) = (m[k][3], m[k][3]);
             for j in 0..3 {
@@ -168,14 +170,19 @@ mod tests {
             assert_eq!(at(&keys, time)[0][3], x, "{time}");
         }
         let instance = Instance { geometry: 0, keyframes: keys.to_vec() };
-        let (lo, hi) = world_bounds(&instance, ([-1.0; 3], [1.0; 3])).corners();
+        let always = [f32::NEG_INFINITY, f32::INFINITY];
+        let (lo, hi) = world_bounds(&instance, ([-1.0; 3], [1.0; 3]), [0.25, 0.5]).corners();
+        assert!(lo[0] <= -0.5 && lo[0] > -0.501 && hi[0] >= 2.0 && hi[0] < 2.001);
+        let (lo, hi) = world_bounds(&instance, ([-1.0; 3], [1.0; 3]), [0.5, 2.5]).corners();
+        assert!(lo[0] <= -2.0 && lo[0] > -2.001 && hi[0] >= 3.0 && hi[0] < 3.001);
+        let (lo, hi) = world_bounds(&instance, ([-1.0; 3], [1.0; 3]), always).corners();
         assert!(lo[0] <= -3.0 && hi[0] >= 3.0 && hi[1] < 1.001);
         assert!(Placed::new(0, &instance).is_ok());
         let (far, none) = (f32::INFINITY, [f32::INFINITY; 3]);
-        let (lo, hi) = world_bounds(&instance, ([-1.0, -far, 0.0], [1.0, far, far])).corners();
+        let (lo, hi) = world_bounds(&instance, ([-1.0, -far, 0.0], [1.0, far, far]), always).corners();
         assert_eq!((lo[1], hi[1], hi[2]), (f32::MIN, f32::MAX, f32::MAX));
         assert!(lo[0] <= -3.0 && lo[0] > -3.001 && hi[0] >= 3.0 && hi[0] < 3.001);
-        assert!(world_bounds(&instance, (none, none.map(|x| -x))).is_empty());
+        assert!(world_bounds(&instance, (none, none.map(|x| -x)), always).is_empty());
         let mirrored = [[-1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
         let bad = Instance { geometry: 0, keyframes: vec![(0.0, IDENTITY), (1.0, mirrored)] };
         assert!(matches!(Placed::new(4, &bad), Err(BuildError::SingularMatrix { instance: 4 })));

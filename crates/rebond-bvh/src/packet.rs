@@ -10,7 +10,7 @@ use crate::shape::Shape;
 use crate::simd::Simd;
 use crate::single::{self, STACK, Shapes, Solid};
 use crate::tree::{FEW_CORNERS, Pair, Tree};
-use crate::{Filter, Hit, MISS, Ray};
+use crate::{Filter, Hit, MISS, Ray, Sphere};
 use rebond_lanes::{F32x16, Index, Index16, Mask, Mask16, Real};
 use std::mem::MaybeUninit;
 
@@ -230,17 +230,56 @@ impl<'a> Packet<'a> {
         active.and_not(across.gt(slack))
     }
 
-    fn shape(&self, shape: &Shape, active: Mask16, solid: &impl Shapes, instance: u32, best: &mut Bests) {
-        for i in lanes(self.near_shape(shape, active)) {
-            let mut one = best.lane(i, instance);
+    /// Where the rays enter and leave a sphere.
+    #[inline(always)]
+    fn sphere(&self, sphere: &Sphere) -> [F32x16; 2] {
+        let store = |x: F32x16| {
+            let mut out = [0.0; 16];
+            x.store(&mut out);
+            out
+        };
+        sphere.roots_of_each(&self.ray.o.map(store), &self.ray.d.map(store)).map(|t| F32x16::load(&t))
+    }
+
+    fn shape<K: Filter>(&self, shape: &Shape, active: Mask16, solid: &Solid<K>, best: &mut Bests) {
+        let near = self.near_shape(shape, active);
+        if let Shape::Sphere(sphere, primitive) = shape
+            && K::KEEPS_ALL
+        {
+            if near.none() {
+                return;
+            }
+            let number = Index16::splat(*primitive);
+            for t in self.sphere(sphere) {
+                let nearer = t.lt(best.t) | (t.eq(best.t) & number.lt(best.primitive));
+                let hit = near & F32x16::zero().lt(t) & nearer;
+                best.t = F32x16::select(hit, t, best.t);
+                best.u = F32x16::select(hit, F32x16::zero(), best.u);
+                best.v = F32x16::select(hit, F32x16::zero(), best.v);
+                best.primitive = Index16::select(hit, number, best.primitive);
+            }
+            return;
+        }
+        for i in lanes(near) {
+            let mut one = best.lane(i, solid.instance);
             solid.closest(shape, &self.single(i), &mut one);
             best.set(i, &one);
         }
     }
 
-    fn shape_occludes(&self, shape: &Shape, active: Mask16, solid: &impl Shapes) -> Mask16 {
-        let hit = lanes(self.near_shape(shape, active))
-            .filter(|&i| solid.occluded(shape, &self.single(i), self.ray.tmax.lane(i)));
+    fn shape_occludes<K: Filter>(&self, shape: &Shape, active: Mask16, solid: &Solid<K>) -> Mask16 {
+        let near = self.near_shape(shape, active);
+        if let Shape::Sphere(sphere, _) = shape
+            && K::KEEPS_ALL
+        {
+            if near.none() {
+                return near;
+            }
+            let [first, second] = self.sphere(sphere);
+            let stops = |t: F32x16| F32x16::zero().lt(t) & t.le(self.ray.tmax);
+            return near & (stops(first) | stops(second));
+        }
+        let hit = lanes(near).filter(|&i| solid.occluded(shape, &self.single(i), self.ray.tmax.lane(i)));
         Mask16::from_bits(hit.fold(0, |bits, i| bits | 1 << i))
     }
 
@@ -406,7 +445,7 @@ pub(crate) fn scan_closest<K: Filter>(
     // Another variable, because the loop above must keep its own in registers.
     let mut all = best;
     for shape in tree.shapes() {
-        packet.shape(shape, active, &Solid { instance, filter }, instance, &mut all);
+        packet.shape(shape, active, &Solid { instance, filter }, &mut all);
     }
     all
 }
@@ -538,7 +577,7 @@ pub(crate) fn closest<S: Simd, const PREFETCH: bool, K: Filter>(
                     }
                 }
                 Target::Shape(index) => {
-                    packet.shape(&tree.shapes()[index as usize], active, &solid, instance, &mut best);
+                    packet.shape(&tree.shapes()[index as usize], active, &solid, &mut best);
                 }
             }
         }
@@ -584,7 +623,7 @@ pub(crate) fn occluded<S: Simd, K: Filter>(
         if active.count() < TOGETHER {
             for i in lanes(active) {
                 let (ray, tmax) = (singles.get(packet, i), packet.ray.tmax.lane(i));
-                if single::occluded::<S, K>(tree, current, ray, instance, filter, &solid, tmax) {
+                if single::occluded::<S, false, K>(tree, current, ray, instance, filter, &solid, tmax) {
                     left = left.and_not(Mask16::from_bits(1 << i));
                 }
             }

@@ -272,7 +272,7 @@ fn occluded_of_each<S: Simd, K: Filter>(
     if tree.large {
         let start = |i: usize| (rays.lane(i), single::Any::new(root));
         in_turns(lanes, start, |i, (ray, walk), places| {
-            let step = walk.step::<S, K>(places, tree, ray, instance, filter, &solid, tmax[i]);
+            let step = walk.step::<S, true, false, K>(places, tree, ray, instance, filter, &solid, tmax[i]);
             hit |= u32::from(step == Step::Blocked) << i;
             if step == Step::GoOn {
                 single::prefetch(tree, walk.current);
@@ -281,7 +281,7 @@ fn occluded_of_each<S: Simd, K: Filter>(
         });
     } else {
         each(lanes, |i| {
-            let blocked = single::occluded::<S, K>(tree, root, &rays.lane(i), instance, filter, &solid, tmax[i]);
+            let blocked = single::occluded::<S, false, K>(tree, root, &rays.lane(i), instance, filter, &solid, tmax[i]);
             hit |= u32::from(blocked) << i;
         });
     }
@@ -309,7 +309,8 @@ pub(crate) fn closest<S: Simd, K: Filter>(accel: &Accel, ray: &Ray<f32>, filter:
             let solid = Solid { instance: *instance, filter };
             closest_in::<S, K>(tree, ray.o, ray.d, *instance, filter, &solid, &mut best);
         }
-        World::Many(top) => {
+        World::Many(slices) => {
+            let top = slices.at(ray.time);
             let placed = Placement::<S, K> { accel, time: ray.time, filter, simd: std::marker::PhantomData };
             closest_in::<S, K>(top, ray.o, ray.d, MISS, filter, &placed, &mut best);
         }
@@ -330,7 +331,8 @@ pub(crate) fn occluded<S: Simd, K: Filter>(accel: &Accel, ray: &Ray<f32>, filter
             let solid = Solid { instance: *instance, filter };
             occluded_in::<S, K>(tree, ray.o, ray.d, *instance, filter, &solid, ray.tmax)
         }
-        World::Many(top) => {
+        World::Many(slices) => {
+            let top = slices.at(ray.time);
             let placed = Placement::<S, K> { accel, time: ray.time, filter, simd: std::marker::PhantomData };
             occluded_in::<S, K>(top, ray.o, ray.d, MISS, filter, &placed, ray.tmax)
         }
@@ -402,7 +404,11 @@ fn occluded_in<S: Simd, K: Filter>(
     let Some(root) = tree.root() else { return false };
     if let Some(sizes) = SingleRay::sizes(o, d, tree.extent) {
         let ray = SingleRay::usual(o, d, sizes);
-        single::occluded::<S, K>(tree, root, &ray, instance, filter, shapes, tmax)
+        if tree.large {
+            single::occluded::<S, true, K>(tree, root, &ray, instance, filter, shapes, tmax)
+        } else {
+            single::occluded::<S, false, K>(tree, root, &ray, instance, filter, shapes, tmax)
+        }
     } else {
         let mut best = Best::up_to(tmax);
         unusual::<S, K>(tree, o, d, instance, filter, shapes, &mut best);

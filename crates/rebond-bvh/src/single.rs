@@ -248,10 +248,11 @@ impl Any {
         Self { current: start, len: 0 }
     }
 
-    /// Visits `current` and goes on to the next.
+    /// Visits `current` and goes on to the next. `TURNS` says that other rays take turns with this one: then no branch
+    /// that is hard to foresee is worth what it saves. A ray by itself asks for what it will want later if `PREFETCH`.
     #[inline(always)]
     #[allow(clippy::too_many_arguments)]
-    pub fn step<S: Simd, K: Filter>(
+    pub fn step<S: Simd, const TURNS: bool, const PREFETCH: bool, K: Filter>(
         &mut self,
         places: &mut Places<u32>,
         tree: &Tree,
@@ -266,17 +267,24 @@ impl Any {
                 // SAFETY: `Tree::new` has checked every child.
                 let node = unsafe { tree.nodes().get_unchecked(index as usize) };
                 let (mask, _) = node.enter::<S>(ray, S::F8::splat(tmax * ONE_PLUS));
-                if mask != 0 {
-                    // The next one is not taken from the stack: what was just written there takes long to come back.
+                let mut rest = mask;
+                if !TURNS && mask != 0 {
+                    // Not taken from the stack: what was just written there takes long to come back.
                     let last = 31 - mask.leading_zeros();
                     self.current = node.children[last as usize & 7];
-                    let rest = mask ^ 1 << last;
-                    if rest != 0 {
-                        let children = S::compress(&node.children.map(|child| child.0), rest);
-                        // SAFETY: `Tree::new` has checked that the stack is large enough for all pushes on the way and
-                        // eight more.
-                        unsafe { places.as_mut_ptr().add(self.len).cast::<[u32; 8]>().write_unaligned(children) };
-                        self.len += rest.count_ones() as usize;
+                    rest ^= 1 << last;
+                }
+                if TURNS || rest != 0 {
+                    let children = S::compress(&node.children.map(|child| child.0), rest);
+                    // SAFETY: `Tree::new` has checked that the stack is large enough for all pushes on the way and
+                    // eight more.
+                    unsafe { places.as_mut_ptr().add(self.len).cast::<[u32; 8]>().write_unaligned(children) };
+                    self.len += rest.count_ones() as usize;
+                }
+                if !TURNS && mask != 0 {
+                    while PREFETCH && rest != 0 {
+                        prefetch(tree, node.children[rest.trailing_zeros() as usize & 7]);
+                        rest &= rest - 1;
                     }
                     return Step::GoOn;
                 }
@@ -308,7 +316,7 @@ impl Any {
 
 /// Whether the ray hits anything in the subtree `start` before `tmax`.
 #[inline(always)]
-pub(crate) fn occluded<S: Simd, K: Filter>(
+pub(crate) fn occluded<S: Simd, const PREFETCH: bool, K: Filter>(
     tree: &Tree,
     start: Child,
     ray: &SingleRay,
@@ -320,7 +328,7 @@ pub(crate) fn occluded<S: Simd, K: Filter>(
     let mut places = no_places();
     let mut walk = Any::new(start);
     loop {
-        match walk.step::<S, K>(&mut places, tree, ray, instance, filter, shapes, tmax) {
+        match walk.step::<S, false, PREFETCH, K>(&mut places, tree, ray, instance, filter, shapes, tmax) {
             Step::GoOn => {}
             step => return step == Step::Blocked,
         }

@@ -242,3 +242,53 @@ fn same_tree_for_any_number_of_threads() {
         assert!(describe(1, preset) == describe(3, preset));
     }
 }
+
+/// Balls that fly far in no time: at its own time each ray meets what is there then, as a look at every ball says. Between
+/// keyframes, on them, and before and after all of them.
+#[test]
+fn fast_instances_are_where_they_are() {
+    let mut word = 7_u32;
+    let mut random = || {
+        word = word.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
+        (word >> 8) as f32 / (1 << 23) as f32 - 1.0
+    };
+    let few = if cfg!(miri) { 4 } else { 100 };
+    let at = |p: [f32; 3]| [[1.0, 0.0, 0.0, p[0]], [0.0, 1.0, 0.0, p[1]], [0.0, 0.0, 1.0, p[2]]];
+    let paths: Vec<[[f32; 3]; 3]> = (0..few).map(|_| [0; 3].map(|_| [0; 3].map(|_| 20.0 * random()))).collect();
+    let times = [1.0, 1.5, 3.0];
+    let instances = paths.iter().map(|path| Instance {
+        geometry: 0,
+        keyframes: times.into_iter().zip(path).map(|(t, p)| (t, at(*p))).collect(),
+    });
+    let ball = Geometry { spheres: vec![Sphere { center: [0.0; 3], radius: 1.0 }], ..Geometry::default() };
+    let accel = build(vec![ball], instances.collect()).unwrap();
+    let (mut hits, rays) = (0, if cfg!(miri) { 20 } else { 5_000 });
+    for i in 0..rays {
+        let time = if i % 10 == 0 { [0.0, 1.0, 1.5, 3.0, 4.0][i / 10 % 5] } else { 2.0 + 1.1 * random() };
+        let (o, d) = ([0; 3].map(|_| 20.0 * random()), [0; 3].map(|_| random()));
+        let share = |a: f32, b: f32| ((time - a) / (b - a)).clamp(0.0, 1.0);
+        let (s, first) = if time < 1.5 { (share(1.0, 1.5), 0) } else { (share(1.5, 3.0), 1) };
+        // The nearest root of |o + t d − c| = r.
+        let nearest = |r: f64| {
+            let of_path = |path: &[[f32; 3]; 3]| {
+                let to_center: [f64; 3] = std::array::from_fn(|k| {
+                    let c = f64::from(path[first][k]) + f64::from(s) * f64::from(path[first + 1][k] - path[first][k]);
+                    c - f64::from(o[k])
+                });
+                let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+                let d = d.map(f64::from);
+                let (a, b) = (dot(d, d), dot(to_center, d));
+                let root = (b * b - a * (dot(to_center, to_center) - r * r)).sqrt();
+                [(b - root) / a, (b + root) / a].into_iter().find(|t| *t > 0.0).unwrap_or(f64::INFINITY)
+            };
+            paths.iter().map(of_path).fold(f64::INFINITY, f64::min)
+        };
+        // Of balls a little larger and a little smaller: rays that graze one may go either way.
+        let (a, b) = (nearest(1.0 + 1e-4), nearest(1.0 - 1e-4));
+        let hit = accel.closest(&Ray { o, d, tmax: f32::INFINITY, time }, true, false);
+        let t = f64::from(hit.t);
+        assert!(a.min(b) * (1.0 - 1e-5) <= t && t <= a.max(b) * (1.0 + 1e-5), "ray {i}: {t} is not from {a} to {b}");
+        hits += u32::from(hit.t.is_finite());
+    }
+    assert!(hits > rays as u32 / 20, "{hits} hits");
+}

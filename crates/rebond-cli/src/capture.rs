@@ -104,7 +104,7 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
 }
 
 /// A look at whether a file can be written, before any work is done, without losing one that is there.
-fn check_output(path: &Path, extension: &str, force: bool) -> Result<(), Failure> {
+pub fn check_output(path: &Path, extension: &str, force: bool) -> Result<(), Failure> {
     let shown = path.display();
     if path.extension().is_none_or(|e| !e.eq_ignore_ascii_case(extension)) {
         let help = format!("name a file that ends in .{extension}");

@@ -4,10 +4,13 @@ mod bsdf;
 mod capture;
 mod capture_plot;
 mod diff;
+mod lecture;
 mod list;
 mod lobe_plot;
 mod output;
+mod plot;
 mod progress;
+mod radiosity;
 mod render;
 
 use clap::{Parser, Subcommand};
@@ -34,6 +37,10 @@ enum Command {
     Bsdf(bsdf::Arguments),
     /// Tabulate a material as `f_r[θi][φi][θo][φo][colour]`, and say what the table gets wrong.
     Capture(capture::Arguments),
+    /// Solve a scene by radiosity: save it, relight it, bake it.
+    Radiosity(radiosity::Arguments),
+    /// Recompute the lecture's experiments, as one page.
+    Lecture(lecture::Arguments),
     /// List the built-in scenes.
     Scenes(list::JsonFlag),
     /// Say what a scene is made of.
@@ -73,6 +80,8 @@ fn main() -> ExitCode {
         Ok(Command::Diff(a)) => diff::run(&a),
         Ok(Command::Bsdf(a)) => bsdf::run(&a),
         Ok(Command::Capture(a)) => capture::run(&a),
+        Ok(Command::Radiosity(a)) => radiosity::run(&a),
+        Ok(Command::Lecture(a)) => lecture::run(&a),
         Ok(Command::Scenes(a)) => list::scenes(&a),
         Ok(Command::Info(a)) => list::info(&a),
         Ok(Command::Integrators(a)) => list::integrators(&a),

@@ -18,6 +18,11 @@ pub fn catch_interrupt() {
     });
 }
 
+/// Whether the user has asked to stop.
+pub fn is_interrupted() -> bool {
+    STOP.load(Ordering::Relaxed)
+}
+
 /// Shows how a render goes.
 pub struct Progress {
     bar: Option<ProgressBar>,
@@ -98,6 +103,6 @@ impl Observer for Progress {
         self.error.store(error.to_bits(), Ordering::Relaxed);
     }
     fn should_stop(&self) -> bool {
-        STOP.load(Ordering::Relaxed)
+        is_interrupted()
     }
 }

@@ -9,7 +9,7 @@ use rebond::film::{Film, Image};
 use rebond::integrators::IntegratorSettings;
 use rebond::render::{Budget, Engine, PathExpression, PathLayer, Region, render};
 use rebond::sampling::{Sampler, SamplerSettings};
-use rebond_io::{Error, PngOptions, SceneSource, Tonemap, from_settings};
+use rebond_io::{Error, PngOptions, SceneFiles, SceneSource, Tonemap, from_settings};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -105,7 +105,13 @@ fn split(text: &str) -> Result<Split, String> {
         "length" => PathLayer::by_length(LONGEST),
         "class" => PathLayer::by_class(),
         _ => {
-            let expressions = text.split(',').map(|e| e.trim().parse()).collect::<Result<Vec<PathExpression>, _>>()?;
+            // Commas within braces are of the expression.
+            let mut depth = 0;
+            let parts = text.split(|c: char| {
+                depth += i32::from(c == '{') - i32::from(c == '}');
+                c == ',' && depth == 0
+            });
+            let expressions = parts.map(|e| e.trim().parse()).collect::<Result<Vec<PathExpression>, _>>()?;
             if let Some(twice) = expressions.iter().enumerate().find(|(i, e)| expressions[..*i].contains(e)) {
                 return Err(format!("{} is there twice", twice.1));
             }
@@ -196,12 +202,24 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
         true => ["png", "exr"].map(|e| PathBuf::from(format!("{}.{e}", source.name))).to_vec(),
     };
     let layers = a.split.as_ref().map_or(&[][..], |s| &s.0);
-    let settings = integrator.unwrap_or_else(|| source.description.integrator.clone());
+    // Files that the command line names are relative to where it is given, those of a scene to the scene.
+    let files = if integrator.is_some() { &SceneFiles::Folder(PathBuf::new()) } else { source.files() };
+    let mut settings = integrator.unwrap_or_else(|| source.description.integrator.clone());
     let layer_names: Vec<String> = layers.iter().map(|l| l.name.clone()).chain(settings.own_layers()).collect();
     let of_layers = layer_outputs(&outputs, layer_names.iter().map(|name| &**name));
-    check(&outputs)?;
-    check(&of_layers.iter().map(|(_, path)| path.clone()).collect::<Vec<_>>())?;
-    let adaptive = a.adaptive || a.error.is_some();
+    let all: Vec<PathBuf> = outputs.iter().chain(of_layers.iter().map(|(_, path)| path)).cloned().collect();
+    check(&all)?;
+    if !of_layers.is_empty()
+        && let Some(twice) = all.iter().enumerate().find(|(i, path)| all[..*i].contains(path))
+    {
+        let message = format!("two pictures would be called \"{}\"", twice.1.display());
+        return Err(Failure::usage(message, "write an .exr, which holds all layers, or give other names"));
+    }
+    if a.adaptive && !settings.is_adaptable() {
+        let message = format!("the samples of {} are not alike: no pixel may have more than another", settings.name());
+        return Err(Failure::usage(message, "leave out --adaptive"));
+    }
+    let adaptive = a.adaptive || a.error.is_some() && settings.is_adaptable();
     let mut budget = Budget { samples: a.spp, time: a.time, error: a.error, adaptive };
     if (a.spp, a.time, a.error) == (None, None, None) {
         budget.samples = Some(DEFAULT_SAMPLES);
@@ -232,6 +250,7 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
         EngineName::Wavefront => Engine::Wavefront,
         EngineName::Scalar => Engine::Scalar,
     };
+    settings.open(|file| files.solution(file, &scene)).map_err(|e| Failure::usage(e.message, e.help))?;
     let integrator = settings
         .layered_integrator(&scene, Sampler::new(sampler, a.seed), engine, layers)
         .map_err(|e| Failure::usage(e.message, e.help))?;
@@ -240,6 +259,9 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
         && let Some(what) = settings.leaves_out()
     {
         note(&format!("note: biased: {what}"));
+    }
+    if !a.quiet {
+        settings.warnings(&scene).iter().for_each(|w| note(&format!("warning: only the diffuse part of {w}")));
     }
     let mut film = Film::try_new(region.width, region.height, &layer_names).ok_or_else(|| {
         Failure::Run(format!(

@@ -153,6 +153,12 @@ const VALUES: &[Mistake] = &[
     ("fov = 40", "@fov = 0", "0 is no field of view"),
     ("fov = 40", "@fov = 180", "give degrees between 0 and 180"),
     ("aperture_radius = 0.1", "@aperture_radius = -0.1", "-0.1 is no radius of a lens"),
+    (
+        "aperture_radius = 0.1",
+        "aperture_radius = 0.1\n@aperture_blades = 2",
+        "give 3 to 64 blades, or 0 for a round opening",
+    ),
+    ("fov = 40", "fov = 40\n@near_clip = -1", "-1 is no distance in front of the camera"),
     ("focus_distance = 4", "@focus_distance = 0", "0 is no distance"),
     ("shutter_close = 1", "@shutter_close = -1", "the shutter closes before it opens"),
     ("target = [0, 0, 0]", "@target = [0, 1, 4]", "`target` and `origin` are the same point"),
@@ -215,9 +221,9 @@ const VALUES: &[Mistake] = &[
     ("{ scale = 0.2 }", "{ keyframes = [{ time = 0 }, { @time = 0 }] }", "the times of keyframes must increase"),
     ("{ scale = 0.2 }", "{ @keyframes = [{ time = 0 }] }", "a motion needs two keyframes"),
     (
-        "emission = 5\nto_world = [",
-        "@emission = 5\nto_world = [{ keyframes = [{ time = 0 }, { time = 1 }] }, ",
-        "a shape that moves cannot shine",
+        "radius = 0.5",
+        "radius = 0.5\n@emission = 1\nto_world = [{ keyframes = [{ time = 0 }, { time = 1, to_world = { scale = [1, 2, 1] } }] }]",
+        "a sphere stretched out of round cannot shine",
     ),
     ("to_world = [{ scale = 0.2 }", "@to_world = [{ scale = 1e30 }, { scale = 1e30 }", "the transform is not finite"),
     (

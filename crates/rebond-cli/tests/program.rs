@@ -187,12 +187,16 @@ fn light_is_split_into_layers() {
         let sum: f32 = parts.iter().map(|p| p[i][1]).sum();
         assert!((sum - pixel[1]).abs() <= 1e-5 * pixel[1], "{sum} for {}", pixel[1]);
     }
+    // Commas within braces part nothing, on either side.
+    answer(&folder, &small(&["--split", "LD{1,2}E,LE", "-o", "b.exr"]));
+    answer(&folder, &small(&["-i", "path:paths=LD{1,2}E", "-o", "b.exr", "--json"]));
     // What is left out is said, unless nothing is to be said or JSON says it.
     let clamped = run(&folder, &small(&["-i", "path:max_depth=2"]));
     assert_eq!(text(&clamped.stderr), "note: biased: paths of more than max_depth=2 segments are left out\n");
     for (arguments, part) in [
         (["--split", "LXE"], "'X' stands for nothing"),
         (["--split", "LE,LE"], "twice"),
+        (["--split", "L(S|T)E,L[S|T]E"], "two pictures"),
         (["-i", "path:paths=DE"], "begin with L"),
         (["-i", "path:mode=explicitly"], "explicit"),
     ] {
@@ -335,14 +339,17 @@ fn scenes_are_listed() {
         "dragon",
         "furnace",
         "glossy-spheres",
+        "indirect-room",
         "many-lights",
         "material-gallery",
         "phong-300",
         "phong-300-blurred-light",
         "phong-60",
         "phong-60-blurred-light",
+        "phong-lamp",
         "point-lights",
         "sky",
+        "smallpt",
         "veach-bidir",
         "veach-mis",
     ];
@@ -537,4 +544,117 @@ fn what_has_no_table_is_not_captured() {
     }
     assert_eq!(run(&folder, &["capture", "diffuse", "-o", "x.png"]).status.code(), Some(2));
     assert!(names_in(folder.path()).is_empty());
+}
+
+/// The lecture's page: every file it names, pictures that commands make again, and numbers as theory has them.
+#[test]
+fn the_lecture_is_a_page_that_needs_nothing_else() {
+    let folder = temporary();
+    let object = json(&answer(&folder, &["lecture", "--quality", "draft", "-o", "page", "--json", "--quiet"]));
+    let names = names_in(&folder.path().join("page"));
+    let written = object["outputs"].as_array().expect("names").iter();
+    let mut written: Vec<&str> = written.map(|n| n.as_str().expect("a name").trim_start_matches("page/")).collect();
+    written.sort_unstable();
+    assert_eq!(names, written);
+
+    let page = text(&bytes(&folder, "page/index.html"));
+    for section in ["monte-carlo", "ambient-occlusion", "direct", "direct-errors", "path-tracing"] {
+        assert!(page.contains(&format!("<section id=\"{section}\"")), "{section}");
+        assert!(object["sections"][section]["seconds"].as_f64() > Some(0.0), "{section}");
+    }
+    // Nothing is fetched: what is referred to is on the page itself. Names of formats are no addresses.
+    for reference in ["src=\"", "href=\""] {
+        for place in page.split(reference).skip(1) {
+            assert!(place.starts_with("data:") || place.starts_with('#'), "{}", &place[..60]);
+        }
+    }
+    assert_eq!(page.replace("http://www.w3.org/", "").matches("://").count(), 0);
+    let pictures = page.matches("<img ").count();
+    assert_eq!(pictures, names.iter().filter(|n| n.ends_with(".png")).count());
+    assert_eq!(page.matches(" alt=\"").count(), pictures);
+    assert_eq!(page.matches("alt=\"\"").count(), 0);
+    assert_eq!(
+        page.matches("role=\"img\" aria-label=\"").count(),
+        names.iter().filter(|n| n.ends_with(".svg")).count()
+    );
+
+    // Each command makes its picture to the last bit.
+    let commands: Vec<&str> =
+        page.split("<code>rebond render ").skip(1).map(|c| &c[..c.find('<').expect("an end")]).collect();
+    assert!(commands.len() > 30);
+    for command in commands.iter().step_by(5) {
+        let words = command.split(' ').map(|w| w.trim_matches('\''));
+        let arguments: Vec<&str> = ["render"].into_iter().chain(words).collect();
+        let file = arguments[arguments.len() - 1];
+        answer(&folder, &[&arguments[..], &["--quiet"]].concat());
+        assert!(bytes(&folder, file) == bytes(&folder, &format!("page/{file}")), "{command}");
+    }
+
+    // z, the distance from theory in standard errors: a sound build exceeds 4 once in 16 000.
+    let close = |of: &Value, what: &str| {
+        let number = |key: &str| of[key].as_f64().expect(key);
+        let off = (number("measured") - number("theory")).abs();
+        assert!(off <= 4.0 * number("standard_error"), "{what}: {of}");
+    };
+    for sampling in ["uniform", "importance", "stratified", "Owen-Sobol"] {
+        close(&object["sections"]["monte-carlo"]["slopes"][sampling], sampling);
+    }
+    for sampling in ["sphere", "hemisphere", "cosine"] {
+        close(&object["sections"]["ambient-occlusion"]["variances"][sampling], sampling);
+    }
+    for key in ["within_30_degrees_of_a_pole", "open_plane"] {
+        for way in ["right", "wrong"] {
+            let p = object["sections"]["ambient-occlusion"][key][way]["p"].as_f64();
+            assert!(p > Some(1e-4), "{key}, {way}: {p:?}");
+        }
+    }
+    let direct = &object["sections"]["direct"];
+    assert_eq!(
+        (&direct["linearity"]["welch"]["passes"], &direct["shadows"]["none_brighter"]),
+        (&true.into(), &true.into())
+    );
+    assert!(direct["shadows"]["same"].as_u64() > Some(0));
+    let paths = &object["sections"]["path-tracing"];
+    for (survival, found) in paths["roulette"].as_object().expect("roulette") {
+        assert!(found["p"].as_f64() > Some(1e-4), "{survival}: {found}");
+    }
+    assert!((paths["classes"]["sum_over_whole"].as_f64().expect("a number") - 1.0).abs() < 1e-5);
+    let clamped: Vec<f64> = serde_json::from_value(paths["clamped"].clone()).expect("numbers");
+    assert!(clamped.is_sorted() && clamped[0] > 0.0 && clamped[3] < 1.0, "{clamped:?}");
+    // N rays for each of the segment before, but for those that left or were absorbed.
+    let by_depth =
+        |n: &str| -> Vec<f64> { serde_json::from_value(paths["recursion"][n]["by_depth"].clone()).expect("numbers") };
+    for (n, branching) in [("N = 2", 2.0), ("N = 4", 4.0)] {
+        let rays = by_depth(n);
+        assert_eq!(rays[0], 1.0);
+        assert!(rays.windows(2).all(|w| w[1] > 0.6 * branching * w[0] && w[1] <= branching * w[0]), "{n}: {rays:?}");
+    }
+}
+
+#[test]
+fn sections_of_the_lecture_are_chosen_by_name() {
+    let folder = temporary();
+    let list = answer(&folder, &["lecture", "--list"]);
+    assert!(list.contains("monte-carlo ") && list.contains("direct "), "{list}");
+    let name = answer(&folder, &["lecture", "--quality", "draft", "--only", "monte-carlo", "-o", "a/b"]);
+    assert_eq!(name, "a/b/index.html\n");
+    assert!(!text(&bytes(&folder, "a/b/index.html")).contains("id=\"direct\""));
+    let again =
+        answer(&folder, &["lecture", "--quality", "draft", "--only", "monte-carlo", "-o", "c", "--threads", "1"]);
+    assert_eq!(again, "c/index.html\n");
+    assert!(
+        bytes(&folder, "a/b/index.html") == bytes(&folder, "c/index.html"),
+        "the same page for any number of threads"
+    );
+
+    let output = run(&folder, &["lecture", "--only", "direct,monte-calro"]);
+    assert_eq!(output.status.code(), Some(2));
+    let words = text(&output.stderr);
+    assert!(
+        words.contains("there is no section \"monte-calro\"") && words.contains("did you mean \"monte-carlo\"?"),
+        "{words}"
+    );
+    assert!(words.contains("ambient-occlusion, direct, direct-errors"), "{words}");
+    let output = run(&folder, &["lecture", "--only", "monte-carlo", "-o", "c/index.html"]);
+    assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
 }

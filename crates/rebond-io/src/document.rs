@@ -275,8 +275,8 @@ fn split_list(text: &str, span: Span) -> Vec<Span> {
     let (mut parts, mut start, mut depth) = (Vec::new(), span.start, 0usize);
     for (i, byte) in text[span.clone()].bytes().enumerate() {
         match byte {
-            b'[' => depth += 1,
-            b']' => depth = depth.saturating_sub(1),
+            b'[' | b'{' => depth += 1,
+            b']' | b'}' => depth = depth.saturating_sub(1),
             b',' if depth == 0 => {
                 parts.push(start..span.start + i);
                 start = span.start + i + 1;

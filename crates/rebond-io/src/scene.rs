@@ -2,10 +2,11 @@
 
 use crate::document::Document;
 use crate::error::{Error, Place};
-use crate::{from_toml, read_image, read_image_raw, read_measured, read_obj, read_ply};
+use crate::{from_toml, read_image, read_image_raw, read_measured, read_obj, read_ply, read_solution};
 use rebond::bsdf::check::Material;
 use rebond::bsdf::measured::Measured;
 use rebond::film::Image;
+use rebond::integrators::radiosity::Solution;
 use rebond::scene::description::MaterialRef;
 use rebond::scene::{BuildError, MeshSource, Resources, Scene, SceneDescription, build, material};
 use rebond::shape::MeshData;
@@ -34,14 +35,17 @@ pub const BUILT_IN_SCENES: &[BuiltIn] = built_in![
     "dragon",
     "furnace",
     "glossy-spheres",
+    "indirect-room",
     "many-lights",
     "material-gallery",
     "phong-300",
     "phong-300-blurred-light",
     "phong-60",
     "phong-60-blurred-light",
+    "phong-lamp",
     "point-lights",
     "sky",
+    "smallpt",
     "veach-bidir",
     "veach-mis",
 ];
@@ -60,6 +64,7 @@ const BUILT_IN_FILES: &[(&str, &[u8])] = &[
     ("lanterns-jade.ply", include_bytes!("../../../scenes/lanterns-jade.ply")),
     ("lanterns-rose.ply", include_bytes!("../../../scenes/lanterns-rose.ply")),
     ("lanterns-violet.ply", include_bytes!("../../../scenes/lanterns-violet.ply")),
+    ("pot.ply", include_bytes!("../../../scenes/pot.ply")),
     ("sky.hdr", include_bytes!("../../../scenes/sky.hdr")),
     ("weave.png", include_bytes!("../../../scenes/weave.png")),
     ("window.hdr", include_bytes!("../../../scenes/window.hdr")),
@@ -86,6 +91,13 @@ impl SceneFiles {
                 std::fs::read(&path).map_err(|e| format!("cannot read \"{}\": {e}", path.display()))
             }
         }
+    }
+}
+
+impl SceneFiles {
+    /// The solution of radiosity in a file, for the scene that it is of; or what is wrong with it.
+    pub fn solution(&self, file: &str, scene: &Scene) -> Result<Solution, String> {
+        read_solution(&self.read(file)?, file, scene).map_err(|e| format!("\"{file}\": {}", e.message))
     }
 }
 
@@ -175,6 +187,11 @@ impl SceneSource {
             "material" => Error { help: e.help, ..Error::new(e.message) },
             _ => self.locate(e),
         })
+    }
+
+    /// Where its files are.
+    pub fn files(&self) -> &SceneFiles {
+        &self.files
     }
 
     fn locate(&self, error: BuildError) -> Error {

@@ -10,8 +10,9 @@ use crate::shape::Shape;
 use crate::triangle::Block;
 use rayon::prelude::*;
 
-/// What a block costs to test, in node tests.
-const BLOCK: f32 = 0.9;
+/// What a block costs to test, in node tests: less than by itself, since fewer and larger leaves make fewer nodes and stay
+/// in the cache. With 0.9, camera rays took 4 % longer on a scan of 865 k triangles and 2 % longer on 1.93 M with grass.
+const BLOCK: f32 = 0.5;
 /// What another shape costs to test.
 const SHAPE: f32 = 1.5;
 /// Most triangles of a leaf.

@@ -17,12 +17,10 @@
 //!
 //! (Veach 1997, §8.3: the importance We = g / (A_lens cosθ), over the density 1/A_lens of the lens point).
 
-use super::{Camera, Projection};
+use super::{Aperture, Camera, Projection};
 use crate::math::{Vec3, vec3};
-use crate::sampling::warp::uniform_disk;
 use crate::sampling::{PdfArea, PdfSolidAngle};
-use rebond_lanes::Real;
-use std::f32::consts::PI;
+use rebond_lanes::{Mask, Real};
 
 /// How the camera sees a point.
 #[derive(Clone, Copy, Debug)]
@@ -89,11 +87,11 @@ impl Camera {
         moment * (self.shutter[1] - self.shutter[0]) + self.shutter[0]
     }
 
-    /// Radius of the lens in local coordinates; 0 if it is a point.
-    fn lens_radius(&self) -> f32 {
+    /// The opening of the lens in local coordinates; of no size if it is a point.
+    fn aperture(&self) -> Aperture {
         match self.projection {
-            Projection::ThinLens { radius, .. } => radius,
-            Projection::Perspective { .. } | Projection::Orthographic { .. } => 0.0,
+            Projection::ThinLens { aperture, .. } => aperture,
+            Projection::Perspective { .. } | Projection::Orthographic { .. } => Aperture::round(0.0),
         }
     }
 
@@ -113,15 +111,14 @@ impl Camera {
 
     /// A sphere around every place of the lens, if light can hit it.
     pub fn lens_bounds(&self) -> Vec<([f32; 3], f32)> {
-        let around = |m: &[Vec3<f32>; 4]| (m[3].array(), self.lens_radius() * (m[0].length() + m[1].length()));
+        let around = |m: &[Vec3<f32>; 4]| (m[3].array(), self.aperture().radius() * (m[0].length() + m[1].length()));
         if self.has_lens() { self.motion.iter().map(|(_, m)| around(m)).collect() } else { Vec::new() }
     }
 
     /// Density per area of points of the lens; infinite if it is a point.
     #[inline(always)]
     pub fn lens_pdf<F: Real>(&self, time: F) -> PdfArea<F> {
-        let radius = self.lens_radius();
-        PdfArea((Placed::new(self.at(time)).area * (PI * radius * radius)).recip())
+        PdfArea((Placed::new(self.at(time)).area * self.aperture().area()).recip())
     }
 
     /// cosθ of a direction to the picture's normal.
@@ -205,7 +202,7 @@ impl Camera {
         if !self.has_lens() {
             return ([F::zero(); 2], placed.origin);
         }
-        let at = uniform_disk(lens).map(|l| l * self.lens_radius());
+        let at = self.aperture().sample(lens);
         (at, placed.axes[0].mul_add(at[0], placed.axes[1].mul_add(at[1], placed.origin)))
     }
 
@@ -213,13 +210,12 @@ impl Camera {
     fn sight<F: Real>(&self, placed: &Placed<F>, at: [F; 2], point: Vec3<F>, d: Vec3<F>) -> Sight<F> {
         let local = placed.to_local(d);
         let seen = local.z.gt(F::zero());
-        let radius = self.lens_radius();
         Sight {
             lens: point,
             w: -d,
             raster: self.raster_of(at, local),
             importance: F::select(seen, self.density_of(placed, d), F::zero()),
-            found: placed.normal.dot(d).abs() * placed.area * (PI * radius * radius),
+            found: placed.normal.dot(d).abs() * placed.area * self.aperture().area(),
         }
     }
 
@@ -230,8 +226,7 @@ impl Camera {
         let (from, along) = (placed.to_local(o - placed.origin), placed.to_local(d));
         let t = -from.z / along.z;
         let at = along.mul_add(t, from);
-        let radius = self.lens_radius();
-        let within = (at.x * at.x + at.y * at.y).lt(F::splat(radius * radius));
+        let within = F::Mask::splat(self.has_lens()) & self.aperture().pdf([at.x, at.y]).0.gt(F::zero());
         LensHit {
             t,
             raster: self.raster_of([at.x, at.y], along),
@@ -256,7 +251,7 @@ mod tests {
         let extent = [0.6, 0.3];
         [
             Projection::Perspective { extent },
-            Projection::ThinLens { extent, radius: 0.4, focus: 3.0 },
+            Projection::ThinLens { extent, aperture: Aperture::polygon(0.4, 5, 0.3), focus: 3.0 },
             Projection::Orthographic { extent },
         ]
         .map(|p| Camera::new(p, &[(0.0, matrix)], [0.0, 0.0], [20, 10]))

@@ -1,11 +1,12 @@
 //! Cameras: perspective, thin lens, orthographic; at rest or moving.
 
 mod importance;
+mod lens;
 
 pub use importance::{LensHit, Sight};
+pub use lens::{Aperture, FEWEST_BLADES, MOST_BLADES};
 
 use crate::math::{Vec3, vec3};
-use crate::sampling::warp::uniform_disk;
 use glam::DAffine3;
 use rebond_lanes::Real;
 
@@ -21,8 +22,8 @@ pub enum Projection {
     ThinLens {
         /// Half width and half height at distance 1.
         extent: [f32; 2],
-        /// Radius of the lens.
-        radius: f32,
+        /// Its opening.
+        aperture: Aperture,
         /// Distance along z that is in focus.
         focus: f32,
     },
@@ -41,6 +42,7 @@ pub struct Camera {
     motion: Vec<(f32, [Vec3<f32>; 4])>,
     shutter: [f32; 2],
     size: [f32; 2],
+    near_clip: f32,
 }
 
 /// A ray from the camera.
@@ -62,7 +64,22 @@ impl Camera {
             [v(m.matrix3.x_axis), v(m.matrix3.y_axis), v(m.matrix3.z_axis), v(m.translation)]
         };
         let motion = motion.iter().map(|(t, m)| (*t, columns(m))).collect();
-        Self { projection, motion, shutter, size: size.map(|x| x as f32) }
+        Self { projection, motion, shutter, size: size.map(|x| x as f32), near_clip: 0.0 }
+    }
+
+    /// The same camera that sees nothing nearer than this along its axis; of no effect if it is orthographic.
+    pub fn with_near_clip(self, near_clip: f32) -> Self {
+        Self { near_clip, ..self }
+    }
+
+    /// Width and height of the picture, in pixels.
+    pub fn size(&self) -> [f32; 2] {
+        self.size
+    }
+
+    /// Whether what is near is left out.
+    pub fn has_near_clip(&self) -> bool {
+        self.near_clip != 0.0
     }
 
     /// Whether rays need a time.
@@ -88,13 +105,16 @@ impl Camera {
         match self.projection {
             Projection::Perspective { extent } => {
                 let d = vec3(x * extent[0], y * extent[1], F::one());
-                CameraRay { o: origin, d: world(d).normalized(), time }
+                let d = world(d);
+                CameraRay { o: d.mul_add(F::splat(self.near_clip), origin), d: d.normalized(), time }
             }
-            Projection::ThinLens { extent, radius, focus } => {
+            Projection::ThinLens { extent, aperture, focus } => {
                 let in_focus = vec3(x * (extent[0] * focus), y * (extent[1] * focus), F::splat(focus));
-                let [lx, ly] = uniform_disk(lens).map(|l| l * radius);
+                let [lx, ly] = aperture.sample(lens);
                 let o = vec3(lx, ly, F::zero());
-                CameraRay { o: world(o) + origin, d: world(in_focus - o).normalized(), time }
+                let d = world(in_focus - o);
+                let o = d.mul_add(F::splat(self.near_clip / focus), world(o) + origin);
+                CameraRay { o, d: d.normalized(), time }
             }
             Projection::Orthographic { extent } => {
                 let o = vec3(x * extent[0], y * extent[1], F::zero());
@@ -140,7 +160,8 @@ mod tests {
 
     #[test]
     fn a_lens_focuses() {
-        let c = camera(Projection::ThinLens { extent: [1.0, 0.5], radius: 0.3, focus: 4.0 });
+        let aperture = Aperture::round(0.3);
+        let c = camera(Projection::ThinLens { extent: [1.0, 0.5], aperture, focus: 4.0 });
         let mut furthest = 0.0_f32;
         for lens in crate::testing::random_pairs(500) {
             let r = c.ray([30.0_f32, 70.0], lens, 0.0);
@@ -150,6 +171,21 @@ mod tests {
             furthest = furthest.max(r.o.length());
         }
         assert!(furthest > 0.28 && furthest <= 0.3);
+    }
+
+    #[test]
+    fn rays_start_where_the_near_clip_says() {
+        let extent = [1.0, 0.5];
+        let lens = Projection::ThinLens { extent, aperture: Aperture::round(0.3), focus: 4.0 };
+        for projection in [Projection::Perspective { extent }, lens] {
+            let whole = camera(projection);
+            let cut = whole.clone().with_near_clip(1.5);
+            for u in crate::testing::random_pairs(100) {
+                let (a, b) = (whole.ray([30.0_f32, 70.0], u, 0.0), cut.ray([30.0, 70.0], u, 0.0));
+                assert!((b.o.z - 1.5).abs() < 1e-6 && a.d.array() == b.d.array());
+                assert!((a.o + a.d * (1.5 / a.d.z) - b.o).length() < 1e-6);
+            }
+        }
     }
 
     #[test]

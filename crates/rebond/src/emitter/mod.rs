@@ -13,13 +13,17 @@ pub use emission::{Emission, EmissionPdf};
 pub use environment::{Environment, EnvironmentImage};
 pub use light_sampler::{LightChoice, LightSampler};
 
-use crate::math::{Frame, LUMINANCE, Rgb, Vec3};
+use crate::math::{Frame, Keyframes, LUMINANCE, Matrix, Rgb, Vec3};
 use crate::sampling::warp::{uniform_cone, uniform_cone_pdf, uniform_disk, uniform_sphere, uniform_triangle};
 use crate::sampling::{PdfArea, PdfSolidAngle, SphericalRectangle, SphericalTriangle};
 use glam::Vec3 as V;
 use rebond_lanes::{Index, Mask, Real, Record, math};
 use serde::{Deserialize, Serialize};
 use std::f32::consts::PI;
+use std::ops::Range;
+
+/// A time, and the rows of an affine matrix at it.
+pub type Keyframe = (f32, [[f32; 4]; 3]);
 
 /// The number of no emitter.
 pub const NO_EMITTER: u32 = u32::MAX;
@@ -162,6 +166,55 @@ impl Emitter {
         c.map(|c| if c == 0.0 { 0.0 } else { f64::from(c) * factor })
     }
 
+    /// A sphere, or a point, that holds the emitter at all times of its motion, of its power at the first: what a choice among
+    /// emitters knows of one that moves.
+    pub fn hull(&self, motion: &[Keyframe]) -> Self {
+        let matrix = |rows: &[[f32; 4]; 3]| {
+            let column = |c: usize| V::new(rows[0][c], rows[1][c], rows[2][c]);
+            glam::Affine3A::from_cols(column(0).into(), column(1).into(), column(2).into(), column(3).into())
+        };
+        let (points, reach) = match *self {
+            Self::Triangle { p: [p, a, b], .. } => (vec![p, p + a, p + b], 0.0),
+            Self::Parallelogram { p: [p, a, b], .. } => (vec![p, p + a, p + b, p + a + b], 0.0),
+            Self::Sphere { center, radius, .. } | Self::Disk { center, radius, .. } => (vec![center], radius),
+            Self::Point { position, .. } | Self::Spot { position, .. } => (vec![position], 0.0),
+            Self::Directional { .. } | Self::Environment { .. } => return *self,
+        };
+        let (mut lo, mut hi) = (V::INFINITY, V::NEG_INFINITY);
+        for (_, rows) in motion {
+            let m = matrix(rows);
+            let longest = [m.matrix3.x_axis, m.matrix3.y_axis, m.matrix3.z_axis].map(|c| c.length_squared());
+            let reach = reach * longest.iter().sum::<f32>().sqrt();
+            for p in &points {
+                let p = m.transform_point3(*p);
+                (lo, hi) = (lo.min(p - reach), hi.max(p + reach));
+            }
+        }
+        let m = matrix(&motion[0].1);
+        let scale = m.matrix3.determinant().abs().cbrt();
+        let vector = |v: V| m.transform_vector3(v);
+        let now = match *self {
+            Self::Triangle { p: [p, a, b], radiance } => Self::Triangle { p: [p, vector(a), vector(b)], radiance },
+            Self::Parallelogram { p: [p, a, b], radiance } => {
+                Self::Parallelogram { p: [p, vector(a), vector(b)], radiance }
+            }
+            Self::Sphere { center, radius, inwards, radiance } => {
+                Self::Sphere { center, radius: radius * scale, inwards, radiance }
+            }
+            Self::Disk { center, normal, radius, radiance } => {
+                Self::Disk { center, normal, radius: radius * scale, radiance }
+            }
+            other => other,
+        };
+        let power = now.power(0.0);
+        let (center, radius) = (lo.midpoint(hi), (hi - lo).length() / 2.0);
+        let radiance = |p: f64| p / (4.0 * (std::f64::consts::PI * f64::from(radius)).powi(2));
+        if power.iter().all(|p| radiance(*p) < f64::from(f32::MAX)) {
+            return Self::Sphere { center, radius, inwards: false, radiance: power.map(|p| radiance(p) as f32) };
+        }
+        Self::Point { position: center, intensity: power.map(|p| (p / (4.0 * std::f64::consts::PI)) as f32) }
+    }
+
     fn records(&self) -> [Record; RECORDS as usize] {
         let word = |c: [f32; 3], kind: Kind| Record::with_word(c[0], c[1], c[2], kind as u32);
         let with = |v: V, w: f32| Record([v.x, v.y, v.z, w]);
@@ -239,6 +292,10 @@ pub struct Emitters {
     table: Vec<Record>,
     /// Bit k: some emitter is of kind k.
     present: u32,
+    /// How some of them move. The last number of an emitter's record 3 is that of its motion + 1 (word), 0 if it rests.
+    motions: Option<Keyframes>,
+    /// Some spheres are drawn from by a cap of theirs: axis and 1 − cosine of its half-angle in record 4, 0 if by none.
+    capped: bool,
     /// The surroundings, each with its emitter's number.
     pub environments: Vec<(u32, Environment)>,
     /// Centre and radius of what infinite emitters shine on.
@@ -311,6 +368,18 @@ pub struct EmitterHit<F: Real> {
     pub to: Vec3<F>,
     /// Geometric normal at the hit.
     pub normal: Vec3<F>,
+    /// When it was hit.
+    pub time: F,
+}
+
+/// A flat emitter at some time: the point `p0 + b1 e1 + b2 e2`.
+struct Flat<F: Real> {
+    p0: Vec3<F>,
+    edges: [Vec3<F>; 2],
+    normal: Vec3<F>,
+    density: F,
+    /// Whether its edges are known to be at right angles.
+    rectangle: F::Mask,
 }
 
 /// Error bound of a point with coordinates of this size.
@@ -324,7 +393,56 @@ impl Emitters {
         let present = (0..emitters.len()).fold(0, |bits, i| bits | 1 << kind(i));
         let numbers = (0..emitters.len()).filter(|i| kind(*i) == Kind::Environment as u32).map(|i| i as u32);
         let environments = numbers.zip(environments).collect();
-        Self { table, present, environments, sphere: ([0.0; 3], 1.0) }
+        Self { table, present, motions: None, capped: false, environments, sphere: ([0.0; 3], 1.0) }
+    }
+
+    /// The same emitters, some of which move: `motions` has ranges of their numbers, as they are before any motion. Flat ones
+    /// may be sheared, spheres stay spheres; points and spots move too.
+    pub fn moving(mut self, motions: &[(Range<u32>, Vec<Keyframe>)]) -> Self {
+        if motions.is_empty() {
+            return self;
+        }
+        for (number, (emitters, keyframes)) in motions.iter().enumerate() {
+            let [x, y, z] = keyframes[0].1.map(|row| V::from_slice(&row[..3]));
+            let mirrors = x.dot(y.cross(z)) < 0.0;
+            for emitter in emitters.clone() {
+                let first = (emitter * RECORDS) as usize;
+                let kind = KINDS[self.table[first].0[3].to_bits() as usize];
+                if mirrors && matches!(kind, Kind::Triangle | Kind::Parallelogram | Kind::Disk) {
+                    // The normal of the edges stays on the side that it is on.
+                    self.table.swap(first + 2, first + 3);
+                }
+                self.table[first + 3].0[3] = f32::from_bits(number as u32 + 1);
+            }
+        }
+        self.motions = Some(Keyframes::new(motions.iter().map(|(_, keyframes)| &keyframes[..])));
+        self
+    }
+
+    /// Whether some move.
+    pub fn has_moving(&self) -> bool {
+        self.motions.is_some()
+    }
+
+    /// Whether some are spheres.
+    pub(crate) fn has_spheres(&self) -> bool {
+        self.present >> Kind::Sphere as u32 & 1 != 0
+    }
+
+    /// Whether this is a sphere that rests and shines outwards.
+    pub(crate) fn is_sphere(&self, emitter: u32) -> bool {
+        let at = |n: u32, i: usize| self.table[(emitter * RECORDS + n) as usize].0[i];
+        emitter != NO_EMITTER && at(0, 3).to_bits() == Kind::Sphere as u32 && at(2, 1) > 0.0 && at(3, 3).to_bits() == 0
+    }
+
+    /// Says that little of a sphere that rests is ever met but a cap of it, around the unit vector `axis`, of this 1 − cosine of
+    /// its half-angle. From outside, most samples then are points of the cap, uniformly by area, and the others directions of
+    /// the sphere's cone; their density is the mixture's.
+    pub fn set_cap(&mut self, emitter: u32, axis: Vec3<f32>, one_minus_cos: f32) {
+        debug_assert!(self.is_sphere(emitter));
+        let [x, y, z] = axis.array();
+        self.table[(emitter * RECORDS + 4) as usize] = Record([x, y, z, one_minus_cos]);
+        self.capped = true;
     }
 
     /// How many there are.
@@ -365,12 +483,66 @@ impl Emitters {
         Rgb::of_record(self.record(emitter, 0))
     }
 
-    /// Light of the given emitters at the point `p`, from u in [0, 1)².
+    /// The matrices of lanes whose emitter moves, and which they are.
+    #[inline(always)]
+    fn motion<F: Real>(&self, emitter: F::Index, time: F) -> Option<(Matrix<F>, F::Mask)> {
+        let motions = self.motions.as_ref()?;
+        let number = self.record::<F>(emitter, 3)[3].to_bits();
+        let moves = number.ne(F::Index::splat(0));
+        let number = F::Index::select(moves, number - F::Index::splat(1), F::Index::splat(0));
+        Some((motions.at(number, time, moves), moves))
+    }
+
+    #[inline(always)]
+    fn flat<F: Real>(&self, emitter: F::Index, time: F) -> Flat<F> {
+        let [x, y, z, density] = self.record::<F>(emitter, 1);
+        let [x1, y1, z1, rectangle] = self.record::<F>(emitter, 2);
+        let (p0, normal) = (crate::math::vec3(x, y, z), Vec3::of_record(self.record(emitter, 4)));
+        let edges = [crate::math::vec3(x1, y1, z1), Vec3::of_record(self.record(emitter, 3))];
+        let rest = Flat { p0, edges, normal, density, rectangle: rectangle.gt(F::zero()) };
+        match self.motion(emitter, time) {
+            None => rest,
+            Some((m, moves)) => rest.moved(&m, moves),
+        }
+    }
+
+    /// Centre, radius, side of the normal and density of a sphere.
+    #[inline(always)]
+    fn ball<F: Real>(&self, emitter: F::Index, time: F) -> (Vec3<F>, F, F, F) {
+        let [x, y, z, density] = self.record::<F>(emitter, 1);
+        let [radius, sign, ..] = self.record::<F>(emitter, 2);
+        let center = crate::math::vec3(x, y, z);
+        let Some((m, moves)) = self.motion(emitter, time) else { return (center, radius, sign, density) };
+        let scale = F::select(moves, m.vector(Vec3::splat([1.0, 0.0, 0.0])).length(), F::one());
+        (Vec3::select(moves, m.point(center), center), radius * scale, sign, density / (scale * scale))
+    }
+
+    /// The cap by which a sphere of this radius is drawn from in some of the lanes that are well outside it.
+    #[inline(always)]
+    fn cap<F: Real>(&self, emitter: F::Index, radius: F, outside: F::Mask) -> Cap<F> {
+        if !self.capped {
+            let (axis, nothing) = (Vec3::splat([0.0, 0.0, 1.0]), F::zero());
+            return Cap { axis, one_minus_cos: nothing, radius, used: F::Mask::splat(false) };
+        }
+        let [x, y, z, one_minus_cos] = self.record::<F>(emitter, 4);
+        let used = outside & one_minus_cos.gt(F::zero());
+        Cap { axis: crate::math::vec3(x, y, z), one_minus_cos, radius, used }
+    }
+
+    /// Where a point or a spot is.
+    #[inline(always)]
+    fn place<F: Real>(&self, emitter: F::Index, time: F) -> Vec3<F> {
+        let point = Vec3::of_record(self.record(emitter, 1));
+        self.motion(emitter, time).map_or(point, |(m, moves)| Vec3::select(moves, m.point(point), point))
+    }
+
+    /// Light of the given emitters at the point `p` at a time, from u in [0, 1)².
     #[inline(always)]
     pub fn sample<F: Real>(
         &self,
         emitter: F::Index,
         p: Vec3<F>,
+        time: F,
         sampling: LightSampling,
         u: [F; 2],
         mask: F::Mask,
@@ -392,16 +564,16 @@ impl Emitters {
                     let parallelogram = k == Kind::Parallelogram;
                     let by_area = if parallelogram { u } else { uniform_triangle(u) };
                     match sampling {
-                        LightSampling::Area => self.sample_flat(emitter, p, value, by_area),
+                        LightSampling::Area => Self::sample_flat(&self.flat(emitter, time), p, value, by_area),
                         LightSampling::SolidAngle => {
-                            self.sample_polygon(emitter, p, value, parallelogram, [u, by_area], lanes)
+                            self.sample_polygon(&self.flat(emitter, time), p, value, parallelogram, [u, by_area], lanes)
                         }
                     }
                 }
-                Kind::Disk => self.sample_flat(emitter, p, value, uniform_disk(u)),
-                Kind::Sphere => self.sample_sphere(emitter, p, value, u),
-                Kind::Point => self.sample_point(emitter, p, value),
-                Kind::Spot => self.sample_spot(emitter, p, value),
+                Kind::Disk => Self::sample_flat(&self.flat(emitter, time), p, value, uniform_disk(u)),
+                Kind::Sphere => self.sample_sphere(emitter, p, time, value, u),
+                Kind::Point => self.sample_point(emitter, p, time, value),
+                Kind::Spot => self.sample_spot(emitter, p, time, value),
                 Kind::Directional => EmitterSample {
                     wi: Vec3::of_record(self.record(emitter, 1)),
                     weight: value,
@@ -418,58 +590,32 @@ impl Emitters {
 
     /// A point of a flat surface: `p0 + b1 e1 + b2 e2`.
     #[inline(always)]
-    fn sample_flat<F: Real>(&self, emitter: F::Index, p: Vec3<F>, radiance: Rgb<F>, b: [F; 2]) -> EmitterSample<F> {
-        let [x, y, z, density] = self.record::<F>(emitter, 1);
-        let (p0, normal) = (crate::math::vec3(x, y, z), Vec3::of_record(self.record(emitter, 4)));
-        let (e1, e2) = (Vec3::of_record(self.record(emitter, 2)), Vec3::of_record(self.record(emitter, 3)));
+    fn sample_flat<F: Real>(flat: &Flat<F>, p: Vec3<F>, radiance: Rgb<F>, b: [F; 2]) -> EmitterSample<F> {
+        let (p0, [e1, e2]) = (flat.p0, flat.edges);
         let point = e1.mul_add(b[0], e2.mul_add(b[1], p0));
         let error = (p0.max_abs() + e1.max_abs() + e2.max_abs()) * POINT_ERROR;
-        Self::from_surface_point(p, point, normal, error, radiance, PdfArea(density))
+        Self::from_surface_point(p, point, flat.normal, error, radiance, PdfArea(flat.density))
     }
 
     /// A point of a triangle or a parallelogram, uniform by solid angle where that can be computed.
     #[inline(always)]
     fn sample_polygon<F: Real>(
         &self,
-        emitter: F::Index,
+        flat: &Flat<F>,
         p: Vec3<F>,
         radiance: Rgb<F>,
         parallelogram: bool,
         [u, by_area]: [[F; 2]; 2],
         mask: F::Mask,
     ) -> EmitterSample<F> {
-        let seen = self.seen_polygon(emitter, p, parallelogram);
+        let seen = flat.seen_polygon(p, parallelogram);
         let b = seen.sample(u, mask);
         let b = [0, 1].map(|i| F::select(seen.sound, b[i], by_area[i]));
-        let mut sample = self.sample_flat(emitter, p, radiance, b);
+        let mut sample = Self::sample_flat(flat, p, radiance, b);
         let lit = seen.sound & (sample.point - p).dot(sample.normal).lt(F::zero());
         sample.weight = Rgb::select(seen.sound, (radiance * seen.solid_angle).masked(lit), sample.weight);
         sample.pdf.0 = F::select(seen.sound, seen.solid_angle.recip(), sample.pdf.0);
         sample
-    }
-
-    /// A triangle or a parallelogram as seen from `p`, in units of the farthest of what matters.
-    #[inline(always)]
-    fn seen_polygon<F: Real>(&self, emitter: F::Index, p: Vec3<F>, parallelogram: bool) -> SeenPolygon<F> {
-        let [x, y, z, density] = self.record::<F>(emitter, 1);
-        let normal = Vec3::of_record(self.record(emitter, 4));
-        let [x1, y1, z1, rectangle] = self.record::<F>(emitter, 2);
-        let (e1, e2) = (crate::math::vec3(x1, y1, z1), Vec3::of_record(self.record(emitter, 3)));
-        let apex = crate::math::vec3(x, y, z) - p;
-        let scale = apex.max_abs().max(e1.max_abs()).max(e2.max_abs()).recip();
-        let (apex, e1, e2) = (apex * scale, e1 * scale, e2 * scale);
-        // Twice the area of each triangle, from f64; squared last, since lengths squared may be beyond f32.
-        let side = density.recip().sqrt() * scale;
-        let twice = side * side * if parallelogram { 1.0 } else { 2.0 };
-        let height = apex.dot(normal).abs();
-        let mut seen = SeenPolygon::new(apex, [e1, e2], height * twice, parallelogram);
-        if parallelogram {
-            let (w, h) = (e1.length(), e2.length());
-            let corner = [apex.dot(e1) / w, apex.dot(e2) / h, height];
-            seen.rectangle = SphericalRectangle::new(corner, [w, h], seen.solid_angle);
-            seen.is_rectangle = seen.sound & rectangle.gt(F::zero()) & seen.rectangle.is_sound();
-        }
-        seen
     }
 
     #[inline(always)]
@@ -497,21 +643,34 @@ impl Emitters {
 
     /// A sphere seen from outside: a direction of the cone that it fills; from inside: a point of it.
     #[inline(always)]
-    fn sample_sphere<F: Real>(&self, emitter: F::Index, p: Vec3<F>, radiance: Rgb<F>, u: [F; 2]) -> EmitterSample<F> {
-        let [x, y, z, density] = self.record::<F>(emitter, 1);
-        let [radius, sign, ..] = self.record::<F>(emitter, 2);
-        let center = crate::math::vec3(x, y, z);
+    fn sample_sphere<F: Real>(
+        &self,
+        emitter: F::Index,
+        p: Vec3<F>,
+        time: F,
+        radiance: Rgb<F>,
+        u: [F; 2],
+    ) -> EmitterSample<F> {
+        let (center, radius, sign, density) = self.ball(emitter, time);
         let error = (center.max_abs() + radius) * POINT_ERROR;
         let to_center = center - p;
         let cone = SphereCone::new(to_center, radius);
 
+        // Which of its two ways, if it has a cap; what is left of the number serves that way.
+        let cap = self.cap(emitter, radius, cone.well_outside(radius));
+        let by_cap = cap.used & u[0].lt(F::splat(CAP_SHARE));
+        let rest = F::select(by_cap, u[0] * CAP_SHARE.recip(), (u[0] - CAP_SHARE) * (1.0 - CAP_SHARE).recip());
+        let u = [F::select(cap.used, rest.min(F::splat(1.0 - f32::EPSILON / 2.0)), u[0]), u[1]];
+
         let w = uniform_cone(u, cone.one_minus_cos);
         let wi = Frame::around(to_center * cone.distance.recip()).to_world(w);
-        let sin2 = (F::one() - w.z * w.z).relu();
-        let reach = cone.distance * w.z - (radius * radius - cone.distance * cone.distance * sin2).safe_sqrt();
+        // The near root by the product of the two: without cancellation, also close to a large sphere.
+        let product = (cone.distance - radius) * (cone.distance + radius);
+        let middle = cone.distance * w.z;
+        let reach = product / (middle + (middle * middle - product).safe_sqrt());
         let n = (wi * reach - to_center).normalized();
         let pdf = uniform_cone_pdf(cone.one_minus_cos);
-        let outside = EmitterSample {
+        let mut outside = EmitterSample {
             wi,
             point: center + n * radius,
             error,
@@ -520,6 +679,16 @@ impl Emitters {
             pdf,
             infinite: F::Mask::splat(false),
         };
+        if cap.used.any() {
+            let on_cap = Frame::around(cap.axis).to_world(uniform_cone(u, cap.one_minus_cos));
+            let from_cap =
+                Self::from_surface_point(p, center + on_cap * radius, on_cap, error, radiance, cap.density());
+            outside = EmitterSample::select(by_cap, from_cap, outside);
+            let lit = outside.weight.is_lit();
+            let both = cap.mixture(pdf, outside.point - p, outside.normal);
+            outside.pdf = both;
+            outside.weight = (radiance * both.0.recip()).masked(lit);
+        }
         if cone.outside.all() {
             return outside;
         }
@@ -529,8 +698,8 @@ impl Emitters {
     }
 
     #[inline(always)]
-    fn sample_point<F: Real>(&self, emitter: F::Index, p: Vec3<F>, intensity: Rgb<F>) -> EmitterSample<F> {
-        let point = Vec3::of_record(self.record(emitter, 1));
+    fn sample_point<F: Real>(&self, emitter: F::Index, p: Vec3<F>, time: F, intensity: Rgb<F>) -> EmitterSample<F> {
+        let point = self.place(emitter, time);
         let to = point - p;
         let d2 = to.length_squared();
         let apart = d2.gt(F::zero());
@@ -543,10 +712,13 @@ impl Emitters {
     }
 
     #[inline(always)]
-    fn sample_spot<F: Real>(&self, emitter: F::Index, p: Vec3<F>, intensity: Rgb<F>) -> EmitterSample<F> {
-        let mut sample = self.sample_point(emitter, p, intensity);
+    fn sample_spot<F: Real>(&self, emitter: F::Index, p: Vec3<F>, time: F, intensity: Rgb<F>) -> EmitterSample<F> {
+        let mut sample = self.sample_point(emitter, p, time, intensity);
         let [cutoff, ramp, ..] = self.record::<F>(emitter, 2);
-        let axis = Vec3::of_record(self.record(emitter, 4));
+        let mut axis = Vec3::of_record(self.record(emitter, 4));
+        if let Some((m, moves)) = self.motion(emitter, time) {
+            axis = Vec3::select(moves, m.vector(axis).normalized(), axis);
+        }
         let angle = math::acos(-sample.wi.dot(axis));
         sample.weight = sample.weight * ((cutoff - angle) * ramp).clamp(0.0, 1.0);
         sample
@@ -572,7 +744,11 @@ impl Emitters {
     #[inline(always)]
     pub fn pdf<F: Real>(&self, hit: &EmitterHit<F>, sampling: LightSampling, mask: F::Mask) -> PdfSolidAngle<F> {
         let kind = self.record::<F>(hit.emitter, 0)[3].to_bits();
-        let [_, _, _, density] = self.record::<F>(hit.emitter, 1);
+        let mut density = self.record::<F>(hit.emitter, 1)[3];
+        if self.motions.is_some() {
+            // Where it is a sphere, that is set below.
+            density = self.flat(hit.emitter, hit.time).density;
+        }
         let mut by_area = PdfArea(density).to_solid_angle(hit.to, hit.normal);
         if sampling == LightSampling::SolidAngle {
             for k in [Kind::Triangle, Kind::Parallelogram] {
@@ -581,7 +757,7 @@ impl Emitters {
                 }
                 let lanes = mask & kind.eq(F::Index::splat(k as u32));
                 if lanes.any() {
-                    let seen = self.seen_polygon(hit.emitter, hit.from, k == Kind::Parallelogram);
+                    let seen = self.flat(hit.emitter, hit.time).seen_polygon(hit.from, k == Kind::Parallelogram);
                     by_area.0 = F::select(lanes & seen.sound, seen.solid_angle.recip(), by_area.0);
                 }
             }
@@ -593,11 +769,59 @@ impl Emitters {
         if sphere.none() {
             return by_area;
         }
-        let [radius, sign, ..] = self.record::<F>(hit.emitter, 2);
+        let (_, radius, sign, density) = self.ball(hit.emitter, hit.time);
+        if self.motions.is_some() {
+            by_area.0 = F::select(sphere, PdfArea(density).to_solid_angle(hit.to, hit.normal).0, by_area.0);
+        }
         // The centre as seen from the receiving point: by the normal at the hit.
         let to_center = hit.to - hit.normal * (radius * sign);
         let cone = SphereCone::new(to_center, radius);
-        PdfSolidAngle(F::select(sphere & cone.outside, uniform_cone_pdf(cone.one_minus_cos).0, by_area.0))
+        let mut by_cone = uniform_cone_pdf(cone.one_minus_cos);
+        let cap = self.cap(hit.emitter, radius, sphere & cone.well_outside(radius));
+        if cap.used.any() {
+            by_cone = cap.mixture(by_cone, hit.to, hit.normal);
+        }
+        PdfSolidAngle(F::select(sphere & cone.outside, by_cone.0, by_area.0))
+    }
+}
+
+impl<F: Real> Flat<F> {
+    /// The same emitter as its motion takes it along in some lanes. The area grows as the product of the edges does.
+    #[inline(always)]
+    fn moved(&self, m: &Matrix<F>, moves: F::Mask) -> Self {
+        let edges = self.edges.map(|e| m.vector(e));
+        // Squares of squares of large or small lengths would be beyond f32.
+        let unit = self.edges[0].max_abs().max(self.edges[1].max_abs()).recip();
+        let cross = |[a, b]: [Vec3<F>; 2]| (a * unit).cross(b * unit);
+        let (before, now) = (cross(self.edges), cross(edges));
+        let length = now.length();
+        Self {
+            p0: Vec3::select(moves, m.point(self.p0), self.p0),
+            edges: [0, 1].map(|i| Vec3::select(moves, edges[i], self.edges[i])),
+            normal: Vec3::select(moves, now * length.recip(), self.normal),
+            density: F::select(moves, self.density * before.length() / length, self.density),
+            rectangle: self.rectangle.and_not(moves),
+        }
+    }
+
+    /// A triangle or a parallelogram as seen from `p`, in units of the farthest of what matters.
+    #[inline(always)]
+    fn seen_polygon(&self, p: Vec3<F>, parallelogram: bool) -> SeenPolygon<F> {
+        let (apex, [e1, e2]) = (self.p0 - p, self.edges);
+        let scale = apex.max_abs().max(e1.max_abs()).max(e2.max_abs()).recip();
+        let (apex, e1, e2) = (apex * scale, e1 * scale, e2 * scale);
+        // Twice the area of each triangle, from f64; squared last, since lengths squared may be beyond f32.
+        let side = self.density.recip().sqrt() * scale;
+        let twice = side * side * if parallelogram { 1.0 } else { 2.0 };
+        let height = apex.dot(self.normal).abs();
+        let mut seen = SeenPolygon::new(apex, [e1, e2], height * twice, parallelogram);
+        if parallelogram {
+            let (w, h) = (e1.length(), e2.length());
+            let corner = [apex.dot(e1) / w, apex.dot(e2) / h, height];
+            seen.rectangle = SphericalRectangle::new(corner, [w, h], seen.solid_angle);
+            seen.is_rectangle = seen.sound & self.rectangle & seen.rectangle.is_sound();
+        }
+        seen
     }
 }
 
@@ -652,6 +876,34 @@ impl<F: Real> SeenPolygon<F> {
     }
 }
 
+/// The share of samples that are drawn from a cap.
+const CAP_SHARE: f32 = 0.75;
+
+/// The part of a sphere that most samples are drawn from.
+struct Cap<F: Real> {
+    axis: Vec3<F>,
+    one_minus_cos: F,
+    radius: F,
+    /// Lanes in which there is one.
+    used: F::Mask,
+}
+
+impl<F: Real> Cap<F> {
+    fn density(&self) -> PdfArea<F> {
+        PdfArea((self.radius * self.radius * self.one_minus_cos * (2.0 * PI)).recip())
+    }
+
+    /// The density of both ways to draw a point that is seen along `to` and has the normal `n`, given that of the other.
+    #[inline(always)]
+    fn mixture(&self, other: PdfSolidAngle<F>, to: Vec3<F>, n: Vec3<F>) -> PdfSolidAngle<F> {
+        // |n − a|² = 2 (1 − cos), without cancellation.
+        let inside = ((n - self.axis).length_squared() * 0.5).le(self.one_minus_cos);
+        let by_cap = F::select(inside, self.density().to_solid_angle(to, n).0, F::zero());
+        let both = by_cap * CAP_SHARE + other.0 * (1.0 - CAP_SHARE);
+        PdfSolidAngle(F::select(self.used, both, other.0))
+    }
+}
+
 /// The cone that a sphere fills as seen from a point.
 struct SphereCone<F: Real> {
     distance: F,
@@ -660,6 +912,12 @@ struct SphereCone<F: Real> {
 }
 
 impl<F: Real> SphereCone<F> {
+    /// Lanes far enough from the sphere to tell the distance to a point of it.
+    #[inline(always)]
+    fn well_outside(&self, radius: F) -> F::Mask {
+        self.outside & (self.distance - radius).gt(radius * 1e-4)
+    }
+
     #[inline(always)]
     fn new(to_center: Vec3<F>, radius: F) -> Self {
         let d2 = to_center.length_squared();

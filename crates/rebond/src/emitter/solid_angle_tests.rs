@@ -124,7 +124,7 @@ fn draw(
     sampling: LightSampling,
     u: impl Iterator<Item = [f32; 2]>,
 ) -> impl Iterator<Item = EmitterSample<f32>> {
-    u.map(move |u| emitters.sample(Index1(0), vector(p), sampling, u, true))
+    u.map(move |u| emitters.sample(Index1(0), vector(p), 0.0, sampling, u, true))
 }
 
 /// Whether [`SolidAngle`] falls back to area from here: the density then is not the same everywhere.
@@ -179,9 +179,9 @@ fn a_hit_has_the_density_it_is_drawn_with() {
         for p in receivers().into_iter().chain(plane) {
             for (i, u) in random_pairs(400).enumerate() {
                 let emitter = Index1(i as u32 % 4);
-                let s = emitters.sample(emitter, vector(p), sampling, u, true);
+                let s = emitters.sample(emitter, vector(p), 0.0, sampling, u, true);
                 let (to, normal) = (s.point - vector(p), s.normal);
-                let pdf = emitters.pdf(&EmitterHit { emitter, from: vector(p), to, normal }, sampling, true);
+                let pdf = emitters.pdf(&EmitterHit { emitter, from: vector(p), to, normal, time: 0.0 }, sampling, true);
                 assert_eq!(s.pdf.0, pdf.0, "emitter {i} from {p}");
                 assert!(s.weight.r.is_finite() && s.weight.r >= 0.0 && !s.point.length().is_nan(), "{s:?}");
                 let front = to.dot(normal) < 0.0 && pdf.0 > 0.0;
@@ -254,9 +254,16 @@ fn lanes_draw_what_one_draws() {
         let us: Vec<[f32; 2]> = random_pairs(16).collect();
         let u = [0, 1].map(|k| F32x16::load(&us.iter().map(|u| u[k]).collect::<Vec<_>>()));
         let number = (0..16).fold(Index::splat(0), |v: <F32x16 as Real>::Index, i| v.with_lane(i, i as u32 % 4));
-        let wide = emitters.sample::<F32x16>(number, Vec3::splat(p.to_array()), SolidAngle, u, Mask::splat(true));
+        let wide = emitters.sample::<F32x16>(
+            number,
+            Vec3::splat(p.to_array()),
+            F32x16::zero(),
+            SolidAngle,
+            u,
+            Mask::splat(true),
+        );
         for (i, u) in us.iter().enumerate() {
-            let one = emitters.sample::<f32>(Index1(i as u32 % 4), vector(p), SolidAngle, *u, true);
+            let one = emitters.sample::<f32>(Index1(i as u32 % 4), vector(p), 0.0, SolidAngle, *u, true);
             assert_eq!((wide.point.lane(i), wide.pdf.0.lane(i)), (one.point.lane(0), one.pdf.0));
         }
     }

@@ -7,7 +7,9 @@ use rebond_lanes::scalar::Index1;
 
 fn sample(e: Emitter, environments: Vec<Environment>, p: [f32; 3], n: usize) -> Vec<EmitterSample<f32>> {
     let emitters = Emitters::new(&[e], environments);
-    random_pairs(n as u32).map(|u| emitters.sample(Index1(0), Vec3::splat(p), LightSampling::Area, u, true)).collect()
+    random_pairs(n as u32)
+        .map(|u| emitters.sample(Index1(0), Vec3::splat(p), 0.0, LightSampling::Area, u, true))
+        .collect()
 }
 
 /// Irradiance at p on a surface with normal +z, with its samples.
@@ -105,19 +107,28 @@ fn directions_follow_their_densities() {
     let cases: Vec<(&str, Emitter, Meet)> = vec![
         ("rectangle", rectangle(0.7), plane),
         ("sphere from outside", sphere(V::new(1.0, 0.5, 1.0), 0.9, false), ball([1.0, 0.5, 1.0], 0.9)),
+        ("sphere by a cap", sphere(V::new(1.0, 0.5, 1.0), 0.9, false), ball([1.0, 0.5, 1.0], 0.9)),
         ("sphere from inside", sphere(V::new(0.3, 0.2, 0.1), 0.9, true), {
             let b = ball([0.3, 0.2, 0.1], 0.9);
             Box::new(move |w| b(w).map(|(to, n)| (to, -n)))
         }),
     ];
     for (name, e, meet) in cases {
-        let emitters = Emitters::new(&[e], vec![]);
-        let draw = |u| Some(emitters.sample(Index1(0), Vec3::zero(), LightSampling::Area, u, true).wi);
+        let mut emitters = Emitters::new(&[e], vec![]);
+        if let ("sphere by a cap", Emitter::Sphere { center, .. }) = (name, e) {
+            let axis = (V::new(0.1, -0.3, 0.2) - center).normalize();
+            emitters.set_cap(0, Vec3::splat(axis.to_array()), 0.1);
+        }
+        let draw = |u| Some(emitters.sample(Index1(0), Vec3::zero(), 0.0, LightSampling::Area, u, true).wi);
         let pdf = |w: Vec3<f32>| match meet(w) {
             None => 0.0,
             Some((to, normal)) => {
                 emitters
-                    .pdf(&EmitterHit { emitter: Index1(0), from: Vec3::zero(), to, normal }, LightSampling::Area, true)
+                    .pdf(
+                        &EmitterHit { emitter: Index1(0), from: Vec3::zero(), to, normal, time: 0.0 },
+                        LightSampling::Area,
+                        true,
+                    )
                     .0
             }
         };

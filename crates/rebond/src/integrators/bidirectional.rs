@@ -130,6 +130,7 @@ const LIGHT_POINT: u32 = 1;
 
 /// What a worker keeps from sample to sample.
 struct Work<'a> {
+    sampler: Sampler,
     /// Vertices of the light's walk, without its origin.
     light: Vec<Vertex<'a>>,
     sheets: Sheets<'a>,
@@ -147,6 +148,7 @@ impl<'a> Bidirectional<'a> {
     ) -> Result<Self, IntegratorError> {
         let BidirectionalSettings { max_depth, rr_depth, roulette, survival, heuristic, .. } = *settings;
         super::check_ending(roulette, survival, max_depth)?;
+        super::check_light_walks(scene)?;
         if settings.strategies && max_depth.is_none_or(|d| d.get() > DEEPEST) {
             return Err(IntegratorError {
                 message: format!("strategies=true lays paths of at most {DEEPEST} segments into layers"),
@@ -165,7 +167,7 @@ impl<'a> Bidirectional<'a> {
 
     fn sample(&self, sample: &Sample, work: &mut Work<'a>) {
         let [x, y, pixel, index] = [sample.x, sample.y, sample.pixel, sample.index].map(Index1);
-        let eye = PathState::start(self.scene, &self.sampler, x, y, pixel, index, Index1(0));
+        let eye = PathState::start(self.scene, &work.sampler, x, y, pixel, index, Index1(0));
         self.light_walk(sample, eye.time, work);
         self.eye_walk(&eye, work);
     }
@@ -174,7 +176,8 @@ impl<'a> Bidirectional<'a> {
     fn light_walk(&self, sample: &Sample, time: f32, work: &mut Work<'a>) {
         work.light.clear();
         let (scene, camera, h) = (self.scene, self.scene.camera(), self.heuristic);
-        let dimensions = |number| light_dimensions(&self.sampler, sample.pixel, sample.index, number);
+        let sampler = work.sampler;
+        let dimensions = |number| light_dimensions(&sampler, sample.pixel, sample.index, number);
         let u = dimensions(0);
         let Some((emitter, probability)) = scene.light_sampler().source(u.value(SOURCE)) else { return };
         let emission = scene.emitters().emit(emitter, u.pair(POSITION), u.pair(DIRECTION));
@@ -347,13 +350,13 @@ impl<'a> Bidirectional<'a> {
         let Some((emitter, choice)) = scene.light_sampler().sample(surface.p, bsdf.normal(), choice, true) else {
             return;
         };
-        let light = scene.emitters().sample(emitter, surface.p, LightSampling::Area, u.pair(LIGHT_POINT), true);
+        let (place, time) = (u.pair(LIGHT_POINT), path.ray.time);
+        let light = scene.emitters().sample(emitter, surface.p, time, LightSampling::Area, place, true);
         let value = bsdf.eval(surface.wo, light.wi, TransportMode::Radiance, true);
         let brings = value.f * light.weight * (bsdf.normal().dot(light.wi).abs() / choice);
         let contribution = vertex.throughput * brings;
         let event = bsdf.event(surface.wo, light.wi);
         let state = work.sheets.state(state, [event.0]);
-        let time = path.ray.time;
         let Some(shadow) = ShadowRay::new(surface, &light, time, contribution, event, work.sheets.counts(state)) else {
             return;
         };
@@ -432,10 +435,12 @@ impl Integrator for Bidirectional<'_> {
     fn add_samples(&self, film: &Mutex<Film>, pass: &Pass, observer: &dyn Observer) -> Rays {
         Tiles::new(film, pass, observer).run(|tiles| {
             let mut light = Vec::new();
+            let sampler = tiles.sampler(&self.sampler);
             while let Some(tile) = tiles.next() {
                 let sheets = Sheets::new(self.classes.as_ref(), self.scene.filter(), pass.region, self.layers);
                 let light_paths = pass.region.pixels() as f32;
-                let mut work = Work { light: std::mem::take(&mut light), sheets, rays: Rays::default(), light_paths };
+                let (walk, rays) = (std::mem::take(&mut light), Rays::default());
+                let mut work = Work { sampler, light: walk, sheets, rays, light_paths };
                 for s in tiles.samples_from(&tile, 0) {
                     self.sample(&s, &mut work);
                     work.sheets.end_sample(s.slot, tile.weight);

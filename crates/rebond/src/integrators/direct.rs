@@ -193,7 +193,8 @@ impl Direct {
             (None, Some(by_area)) => by_area.sample(choice()),
             (None, None) => scene.light_sampler().sample(surface.p, normal, choice, mask)?,
         };
-        Some(scene.emitters().sample(emitter, surface.p, self.light_sampling, place, mask).chosen_with(probability))
+        let light = scene.emitters().sample(emitter, surface.p, surface.time, self.light_sampling, place, mask);
+        Some(light.chosen_with(probability))
     }
 
     /// The probability with which [`Direct::sample_light`] asks this emitter.

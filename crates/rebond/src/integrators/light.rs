@@ -82,13 +82,14 @@ impl<'a> Light<'a> {
         let LightSettings { max_depth, rr_depth, roulette, survival, .. } = *settings;
         let ending = Ending { roulette, survival, rr_depth };
         super::check_ending(roulette, survival, max_depth)?;
+        super::check_light_walks(scene)?;
         Ok(Self { scene, sampler, classes, max_depth: max_depth.map_or(u32::MAX, NonZeroU32::get), ending })
     }
 
     /// The path of light beside a pixel's sample.
-    fn trace(&self, s: &Sample, events: &mut Vec<u32>, sheets: &mut Sheets<'_>, rays: &mut Rays) {
+    fn trace(&self, sampler: &Sampler, s: &Sample, events: &mut Vec<u32>, sheets: &mut Sheets<'_>, rays: &mut Rays) {
         let (scene, camera) = (self.scene, self.scene.camera());
-        let dimensions = |number| light_dimensions(&self.sampler, s.pixel, s.index, number);
+        let dimensions = |number| light_dimensions(sampler, s.pixel, s.index, number);
         let u = dimensions(0);
         let Some((emitter, probability)) = scene.light_sampler().source(u.value(SOURCE)) else { return };
         let time = camera.time(if camera.has_shutter() { u.value(MOMENT) } else { 0.0 });
@@ -159,12 +160,12 @@ impl<'a> Light<'a> {
 impl Integrator for Light<'_> {
     fn add_samples(&self, film: &Mutex<Film>, pass: &Pass, observer: &dyn Observer) -> Rays {
         Tiles::new(film, pass, observer).run(|tiles| {
-            let mut events = Vec::new();
+            let (mut events, sampler) = (Vec::new(), tiles.sampler(&self.sampler));
             while let Some(tile) = tiles.next() {
                 let mut sheets = Sheets::new(self.classes.as_ref(), self.scene.filter(), pass.region, 0);
                 let mut rays = Rays::default();
                 for s in tiles.samples_from(&tile, 0) {
-                    self.trace(&s, &mut events, &mut sheets, &mut rays);
+                    self.trace(&sampler, &s, &mut events, &mut sheets, &mut rays);
                     sheets.end_sample(s.slot, tile.weight);
                 }
                 tiles.splat(&tile, sheets.splats());

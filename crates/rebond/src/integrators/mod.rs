@@ -17,6 +17,7 @@ mod bidirectional;
 mod direct;
 mod light;
 mod path;
+pub mod radiosity;
 mod recursive;
 
 pub use crate::transport::{Heuristic, Roulette};
@@ -25,6 +26,7 @@ pub use bidirectional::BidirectionalSettings;
 pub use direct::{DirectSampling, DirectSettings, Factor};
 pub use light::LightSettings;
 pub use path::{PathMode, PathSettings};
+pub use radiosity::RadiositySettings;
 pub use recursive::RecursiveSettings;
 
 use crate::emitter::LightSampling;
@@ -49,6 +51,8 @@ pub enum IntegratorSettings {
     Light(LightSettings),
     /// Bidirectional path tracing.
     Bidirectional(BidirectionalSettings),
+    /// Radiosity.
+    Radiosity(Box<RadiositySettings>),
 }
 
 impl Default for IntegratorSettings {
@@ -100,6 +104,11 @@ pub const INTEGRATORS: &[IntegratorInfo] = &[
         summary: "bidirectional path tracing: paths from both ends, connected in every way, weighed against each other",
         settings: bidirectional::SETTINGS,
     },
+    IntegratorInfo {
+        name: "radiosity",
+        summary: "diffuse light between patches, solved once for all views",
+        settings: radiosity::SETTINGS,
+    },
 ];
 
 /// Settings that do not go together, or not with the scene.
@@ -129,6 +138,18 @@ fn check_ending(
     Ok(())
 }
 
+/// Whether walks from the lights know all that the scene has.
+fn check_light_walks(scene: &Scene) -> Result<(), IntegratorError> {
+    let error = |message: &str| Err(IntegratorError { message: message.into(), help: "use path".into() });
+    if scene.emitters().has_moving() {
+        return error("paths from lights that move are not drawn yet");
+    }
+    if scene.camera().has_near_clip() {
+        return error("light does not know what a near_clip leaves out");
+    }
+    Ok(())
+}
+
 impl IntegratorSettings {
     /// Its name.
     pub fn name(&self) -> &'static str {
@@ -139,6 +160,7 @@ impl IntegratorSettings {
             Self::Recursive(_) => "recursive",
             Self::Light(_) => "light",
             Self::Bidirectional(_) => "bidirectional",
+            Self::Radiosity(_) => "radiosity",
         }
     }
 
@@ -158,13 +180,27 @@ impl IntegratorSettings {
             }
             Self::Light(settings) => Some(settings.leaves_out()),
             Self::Bidirectional(settings) => settings.leaves_out(),
+            Self::Radiosity(_) => Some("light is known per patch".into()),
         }
+    }
+
+    /// What of this scene it does not show as it is, in words.
+    pub fn warnings(&self, scene: &Scene) -> Vec<String> {
+        match self {
+            Self::Radiosity(settings) => radiosity::dropped(scene, settings),
+            _ => Vec::new(),
+        }
+    }
+
+    /// Whether all of its samples have one expectation, so that pixels may have more or fewer of them.
+    pub fn is_adaptable(&self) -> bool {
+        !matches!(self, Self::Radiosity(_))
     }
 
     /// The paths that count; all if none are named.
     fn paths(&self) -> Option<&PathExpression> {
         match self {
-            Self::AmbientOcclusion(_) | Self::Direct(_) | Self::Recursive(_) => None,
+            Self::AmbientOcclusion(_) | Self::Direct(_) | Self::Recursive(_) | Self::Radiosity(_) => None,
             Self::Path(settings) => settings.paths.as_ref(),
             Self::Light(settings) => settings.paths.as_ref(),
             Self::Bidirectional(settings) => settings.paths.as_ref(),
@@ -177,6 +213,21 @@ impl IntegratorSettings {
             Self::Bidirectional(settings) => settings.layers(),
             _ => Vec::new(),
         }
+    }
+
+    /// Opens the files that the settings name, by a reader of solutions of radiosity.
+    pub fn open(
+        &mut self,
+        read: impl FnOnce(&str) -> Result<radiosity::Solution, String>,
+    ) -> Result<(), IntegratorError> {
+        if let Self::Radiosity(settings) = self
+            && let Some(file) = &settings.solution
+        {
+            let help = "it is to be a file that `rebond radiosity` wrote".to_owned();
+            let solution = read(file).map_err(|message| IntegratorError { message, help })?;
+            settings.loaded = Some(std::sync::Arc::new(solution));
+        }
+        Ok(())
     }
 
     /// The integrator.
@@ -208,7 +259,7 @@ impl IntegratorSettings {
                     })?)
                 }
             };
-        if classes.is_some() && matches!(self, Self::AmbientOcclusion(_) | Self::Recursive(_)) {
+        if classes.is_some() && matches!(self, Self::AmbientOcclusion(_) | Self::Recursive(_) | Self::Radiosity(_)) {
             let message = format!("{} does not tell paths apart", self.name());
             return Err(IntegratorError { message, help: "use path, direct, light or bidirectional".into() });
         }
@@ -232,6 +283,9 @@ impl IntegratorSettings {
             Self::Light(settings) => Box::new(light::Light::new(settings, scene, sampler, classes)?),
             Self::Bidirectional(settings) => {
                 Box::new(bidirectional::Bidirectional::new(settings, scene, sampler, classes)?)
+            }
+            Self::Radiosity(settings) => {
+                Box::new(radiosity::Radiosity::new((**settings).clone(), scene, sampler, engine)?)
             }
         })
     }

@@ -80,7 +80,10 @@ impl PathSettings {
     pub(super) fn leaves_out(&self) -> Option<String> {
         let by_depth = self.max_depth.map(|d| format!("paths of more than max_depth={d} segments are left out"));
         let by_class = self.paths.as_ref().map(|p| format!("only the paths {p} are shown"));
-        by_depth.or(by_class)
+        match (by_depth, by_class) {
+            (Some(depth), Some(class)) => Some(format!("{class}; {depth}")),
+            (depth, class) => depth.or(class),
+        }
     }
 }
 
@@ -188,6 +191,7 @@ impl<const SOLID_ANGLE: bool> Shade for Path<SOLID_ANGLE> {
             && let Some(light) = scene.sample_light(
                 surface.p,
                 bsdf.normal(),
+                path.time,
                 Self::LIGHT_SAMPLING,
                 || u.value(LIGHT_CHOICE),
                 u.pair(LIGHT_POINT),

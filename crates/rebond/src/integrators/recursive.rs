@@ -48,6 +48,9 @@ pub(super) const SETTINGS: &[(&str, &str)] =
 /// The most rays that one camera ray may lead to.
 const MOST_RAYS: u64 = 1 << 24;
 
+/// The deepest recursion.
+const MOST_DEPTH: u32 = 256;
+
 /// The estimator at work.
 pub struct Recursive<'a> {
     scene: &'a Scene,
@@ -89,11 +92,15 @@ impl<'a> Recursive<'a> {
                 help: "use fewer branches or less depth: there are branching^(depth − 1) of them".into(),
             });
         }
+        if depth > MOST_DEPTH {
+            let message = format!("depth={depth} nests too deeply");
+            return Err(IntegratorError { message, help: format!("at most {MOST_DEPTH}; `path` goes on for ever") });
+        }
         Ok(Self { scene, sampler, branching, depth })
     }
 
     /// L along a ray. `emission` says whether Le of what it meets counts.
-    fn radiance(&self, ray: &Ray<f32>, emission: bool, node: Node, rays: &mut Rays) -> Rgb<f32> {
+    fn radiance(&self, sampler: &Sampler, ray: &Ray<f32>, emission: bool, node: Node, rays: &mut Rays) -> Rgb<f32> {
         let scene = self.scene;
         rays.add(node.depth, 1);
         let hit = scene.intersect(ray, true, true);
@@ -109,7 +116,7 @@ impl<'a> Recursive<'a> {
         for i in 0..self.branching {
             // The samples of one hit are a run of one sequence, so that they are spread well.
             let index = node.sample.wrapping_mul(self.branching).wrapping_add(i);
-            let stream = self.sampler.stream(Index1(node.pixel), Index1(index));
+            let stream = sampler.stream(Index1(node.pixel), Index1(index));
             let u = Dimensions::new(stream, Index1(node.number), PER_HIT);
             let bsdf = scene.bsdf(&surface, || u.value(MIX_CHOICE), true);
 
@@ -117,7 +124,8 @@ impl<'a> Recursive<'a> {
             let n = bsdf.normal();
             let (choice, place) = (|| u.value(LIGHT_CHOICE), u.pair(LIGHT_POINT));
             if !bsdf.is_specular()
-                && let Some(light) = scene.sample_light(surface.p, n, LightSampling::Area, choice, place, true)
+                && let Some(light) =
+                    scene.sample_light(surface.p, n, ray.time, LightSampling::Area, choice, place, true)
             {
                 let f = bsdf.eval(surface.wo, light.wi, TransportMode::Radiance, true).f;
                 let contribution = f * light.weight * n.dot(light.wi).abs();
@@ -136,7 +144,7 @@ impl<'a> Recursive<'a> {
                 let ray = Ray { o: o.array(), d: next.w.array(), tmax: f32::INFINITY, time: ray.time };
                 let number = node.number.wrapping_mul(self.branching).wrapping_add(i + 1);
                 let child = Node { number, depth: node.depth + 1, ..node };
-                sum += next.weight * self.radiance(&ray, next.specular, child, rays);
+                sum += next.weight * self.radiance(sampler, &ray, next.specular, child, rays);
             }
         }
         le + sum * (self.branching as f32).recip()
@@ -146,13 +154,14 @@ impl<'a> Recursive<'a> {
 impl Integrator for Recursive<'_> {
     fn add_samples(&self, film: &Mutex<Film>, pass: &Pass, observer: &dyn Observer) -> Rays {
         Tiles::new(film, pass, observer).run(|tiles| {
+            let sampler = tiles.sampler(&self.sampler);
             while let Some(tile) = tiles.next() {
                 let (mut pixels, mut rays) = ([Batch::default(); TILE], Rays::default());
                 for s in tiles.samples_from(&tile, 0) {
                     let [x, y, pixel, index, slot] = [s.x, s.y, s.pixel, s.index, s.slot].map(Index1);
-                    let path = PathState::start(self.scene, &self.sampler, x, y, pixel, index, slot);
+                    let path = PathState::start(self.scene, &sampler, x, y, pixel, index, slot);
                     let root = Node { number: 0, depth: 1, pixel: s.pixel, sample: s.index };
-                    let light = path.throughput() * self.radiance(&path.ray(), true, root, &mut rays);
+                    let light = path.throughput() * self.radiance(&sampler, &path.ray(), true, root, &mut rays);
                     pixels[s.slot as usize].add(light.lane(0), tile.weight);
                 }
                 tiles.done(&tile, &[pixels], &mut rays);

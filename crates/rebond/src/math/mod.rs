@@ -1,11 +1,13 @@
 //! Vectors, colours and frames over [`Real`].
 
 mod frame;
+mod keyframes;
 mod moments;
 mod rgb;
 mod vec3;
 
 pub use frame::Frame;
+pub use keyframes::{Keyframes, Matrix};
 pub use moments::Moments;
 pub use rgb::{LUMINANCE, Rgb, luminance};
 pub use vec3::{Vec3, vec3};

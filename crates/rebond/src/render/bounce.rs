@@ -46,8 +46,11 @@ pub fn bounce<F: Trace>(
             layer = classes.light::<F>(classes.step::<F>(path.class, shadow.event));
             shadow_rays = shadow_rays & layer.ne(F::Index::splat(0));
         }
+        let wanted = shadow_rays;
+        // A ray of no length meets nothing.
+        shadow_rays = shadow_rays & shadow.ray.tmax.gt(F::zero());
         let blocked = scene.occluded(&shadow.ray, shadow_rays);
-        let light = shadow.contribution.masked(shadow_rays.and_not(blocked));
+        let light = shadow.contribution.masked(wanted.and_not(blocked));
         path.set_radiance(path.radiance() + light);
         if classes.is_some() {
             deposit(path, layer, light);

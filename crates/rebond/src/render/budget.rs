@@ -1,6 +1,6 @@
 //! Until when to render: a number of samples, a time, an error; whichever comes first.
 
-use super::adaptive::Adaptive;
+use super::adaptive::shares;
 use super::{Integrator, Observer, Pass, Rays, Region};
 use crate::film::Film;
 use std::sync::Mutex;
@@ -41,8 +41,9 @@ struct Deadline<'a> {
     observer: &'a dyn Observer,
     end: Option<Instant>,
     interrupted: AtomicBool,
-    /// The first pass is finished whatever the time, so that no pixel stays empty.
-    first_pass: AtomicBool,
+    /// Whether the pass is finished whatever the time: the first, so that no pixel stays empty; and those of adaptive renders,
+    /// which would weigh less where they were not done, and so by what was seen before.
+    whole_pass: AtomicBool,
 }
 
 impl Observer for Deadline<'_> {
@@ -54,7 +55,7 @@ impl Observer for Deadline<'_> {
             self.interrupted.store(true, Ordering::Relaxed);
             return true;
         }
-        !self.first_pass.load(Ordering::Relaxed) && self.end.is_some_and(|end| Instant::now() >= end)
+        !self.whole_pass.load(Ordering::Relaxed) && self.end.is_some_and(|end| Instant::now() >= end)
     }
 }
 
@@ -70,12 +71,11 @@ pub fn render(
 ) -> RenderStatistics {
     let start = Instant::now();
     let end = budget.time.and_then(|t| start.checked_add(t));
-    let deadline = Deadline { observer, end, interrupted: AtomicBool::new(false), first_pass: AtomicBool::new(true) };
+    let deadline = Deadline { observer, end, interrupted: AtomicBool::new(false), whole_pass: AtomicBool::new(true) };
     let last = budget.samples.map_or(u32::MAX, |n| first.saturating_add(n));
     let mut statistics = RenderStatistics::default();
     let before = film.samples();
     let shared = Mutex::new(std::mem::replace(film, Film::new(0, 0)));
-    let mut adaptive = budget.adaptive.then(|| Adaptive::new(&region, first));
     let mut at = first;
     while at < last && !deadline.should_stop() {
         // Without a judgement of the error in between, all samples are one pass, unless time may cut it short: then the
@@ -85,14 +85,26 @@ pub fn render(
             (_, None) => (at - first).max(FIRST_JUDGEMENT).saturating_add(at).min(last),
             _ => (at - first).max(1).saturating_add(at).min(last),
         };
-        let shares = adaptive.as_mut().map(|a| {
+        let pass_end = match end.filter(|_| budget.adaptive && at > first) {
+            None => pass_end,
+            // As many as there is time for, since an adaptive pass is not to be cut short.
+            Some(end) => {
+                let left = end.saturating_duration_since(Instant::now()).as_secs_f64();
+                let affordable = left / start.elapsed().as_secs_f64() * f64::from(at - first);
+                if affordable < 1.0 {
+                    break;
+                }
+                pass_end.min(at.saturating_add(affordable as u32))
+            }
+        };
+        let shares = budget.adaptive.then(|| {
             let film = shared.lock().unwrap_or_else(|e| e.into_inner());
-            a.shares(&film, pass_end - at)
+            shares(&film, &region, pass_end - at)
         });
         let pass = Pass { region, samples: at..pass_end, threads, shares };
         statistics.rays.merge(&integrator.add_samples(&shared, &pass, &deadline));
         at = pass_end;
-        deadline.first_pass.store(false, Ordering::Relaxed);
+        deadline.whole_pass.store(budget.adaptive, Ordering::Relaxed);
         let film = shared.lock().unwrap_or_else(|e| e.into_inner());
         let error = film.relative_error();
         observer.pass_done(at - first, error);

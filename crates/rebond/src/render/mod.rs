@@ -66,8 +66,16 @@ impl Pass {
     fn samples_of(&self, tile: usize) -> (Range<u32>, f32) {
         match &self.shares {
             None => (self.samples.clone(), 1.0),
-            Some(shares) => shares[tile].samples(self.samples.len() as u32),
+            Some(shares) => {
+                let (n, weight) = shares[tile].samples(self.samples.len() as u32);
+                (0..n, weight)
+            }
         }
+    }
+
+    /// The sample values of this pass: those of the render, or, where earlier passes decided what it is, independent ones.
+    fn sampler(&self, sampler: &Sampler) -> Sampler {
+        if self.shares.is_some() { sampler.salted(self.samples.start) } else { *sampler }
     }
 }
 

@@ -42,12 +42,13 @@ impl<S: Shade> Integrator for Scalar<'_, S> {
     fn add_samples(&self, film: &Mutex<Film>, pass: &Pass, observer: &dyn Observer) -> Rays {
         let layers = self.classes.as_ref().map_or(0, PathClasses::layers);
         Tiles::new(film, pass, observer).run(|tiles| {
+            let sampler = tiles.sampler(&self.sampler);
             while let Some(tile) = tiles.next() {
                 let mut pixels = vec![[Batch::default(); TILE]; 1 + layers];
                 let mut rays = Rays::default();
                 for s in tiles.samples_from(&tile, 0) {
                     let [x, y, pixel, index, slot] = [s.x, s.y, s.pixel, s.index, s.slot].map(Index1);
-                    let path = PathState::start(self.scene, &self.sampler, x, y, pixel, index, slot);
+                    let path = PathState::start(self.scene, &sampler, x, y, pixel, index, slot);
                     let mut by_layer = vec![[0.0; 3]; layers];
                     let radiance = self.trace(path, &mut by_layer, &mut rays);
                     for (batches, light) in pixels.iter_mut().zip(std::iter::once(radiance).chain(by_layer)) {

@@ -2,6 +2,7 @@
 
 use super::{Observer, Pass, Rays, Region};
 use crate::film::{Batch, Film, Splats};
+use crate::sampling::Sampler;
 use std::ops::Range;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -66,6 +67,11 @@ impl<'a> Tiles<'a> {
         let visits = tiles * most.div_ceil(u64::from(VISIT));
         let rays = Mutex::new(Rays::default());
         Self { pass, film, observer, next: AtomicU64::new(0), columns, tiles, visits, rays }
+    }
+
+    /// The sample values to use.
+    pub fn sampler(&self, sampler: &Sampler) -> Sampler {
+        self.pass.sampler(sampler)
     }
 
     /// Runs a worker on each thread; returns the rays they traced.

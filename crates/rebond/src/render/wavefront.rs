@@ -73,6 +73,7 @@ impl OpenTile {
 struct Worker<'a, S> {
     engine: &'a Wavefront<'a, S>,
     tiles: &'a Tiles<'a>,
+    sampler: Sampler,
     columns: Vec<f32>,
     paths: usize,
     open: Vec<Option<Box<OpenTile>>>,
@@ -84,7 +85,16 @@ struct Worker<'a, S> {
 impl<'a, S: Shade> Worker<'a, S> {
     fn new(engine: &'a Wavefront<'a, S>, tiles: &'a Tiles<'a>) -> Self {
         let (columns, rays) = (vec![0.0; FIELDS * STRIDE], Rays::default());
-        Self { engine, tiles, columns, paths: 0, open: Vec::new(), source: None, rays }
+        Self {
+            engine,
+            tiles,
+            sampler: tiles.sampler(&engine.sampler),
+            columns,
+            paths: 0,
+            open: Vec::new(),
+            source: None,
+            rays,
+        }
     }
 
     fn run(&mut self) {
@@ -106,7 +116,7 @@ impl<'a, S: Shade> Worker<'a, S> {
     /// Takes one group a bounce further; writes those that live on at `to`, and returns how many they are.
     fn bounce(&mut self, at: usize, active: <F32x16 as Real>::Mask, coherent: bool, to: usize) -> usize {
         let engine = self.engine;
-        let mut path = PathState::<F32x16>::load(&self.columns, STRIDE, at, &engine.sampler);
+        let mut path = PathState::<F32x16>::load(&self.columns, STRIDE, at, &self.sampler);
         let depth = path.depth;
         let open = &mut self.open;
         let classes = engine.classes.as_ref();
@@ -192,7 +202,7 @@ impl<'a, S: Shade> Worker<'a, S> {
             |f: &dyn Fn(usize) -> u32| (0..LANES).fold(<F32x16 as Real>::Index::splat(0), |v, i| v.with_lane(i, f(i)));
         let path = PathState::<F32x16>::start(
             self.engine.scene,
-            &self.engine.sampler,
+            &self.sampler,
             gather(&|i| samples[i].x),
             gather(&|i| samples[i].y),
             gather(&|i| samples[i].pixel),

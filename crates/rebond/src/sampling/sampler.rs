@@ -110,6 +110,12 @@ impl Sampler {
         Self { settings, seed: seed.0, strata_bits }
     }
 
+    /// The same kind of sampler with values of its own for each `salt`.
+    pub fn salted(&self, salt: u32) -> Self {
+        use rebond_lanes::scalar::Index1;
+        Self { seed: mix(Index1(self.seed) + mix(Index1(salt) + Index1(0x9e37_79b9))).0, ..*self }
+    }
+
     /// The values of one sample of one pixel.
     #[inline(always)]
     pub fn stream<F: Real>(&self, pixel: F::Index, index: F::Index) -> Stream<F> {

@@ -16,6 +16,32 @@ pub fn uniform_disk<F: Real>(u: [F; 2]) -> [F; 2] {
     [r * F::select(wide, cos, sin), r * F::select(wide, sin, cos)]
 }
 
+/// The concentric map of [`uniform_disk`] as distance from the centre and angle in turns.
+#[inline(always)]
+fn concentric<F: Real>(u: [F; 2]) -> [F; 2] {
+    let (a, b) = (u[0] * 2.0 - 1.0, u[1] * 2.0 - 1.0);
+    let wide = a.abs().gt(b.abs());
+    let (r, other) = (F::select(wide, a, b), F::select(wide, b, a));
+    let eighth = F::select(r.eq(F::zero()), F::zero(), other / r) * 0.125;
+    let turns = F::select(wide, eighth, F::splat(0.25) - eighth) + F::select(r.lt(F::zero()), F::splat(0.5), F::zero());
+    [r.abs(), turns - turns.floor()]
+}
+
+/// The regular polygon of at least three `sides` with its corners on the unit circle, the first at (1, 0), uniformly; the
+/// density is 2/(n sin(2π/n)). The concentric map's angle becomes the way along the polygon's edge.
+#[inline(always)]
+pub fn uniform_polygon<F: Real>(u: [F; 2], sides: u32) -> [F; 2] {
+    let [r, turns] = concentric(u);
+    let n = sides as f32;
+    let edge = (turns * n).floor().min(F::splat(n - 1.0));
+    let along = (turns * n - edge) * 2.0 - 1.0;
+    let half = PI / n;
+    // Out to the middle of the edge, and along it.
+    let (sin, cos) = math::sin_cos((edge * 2.0 + 1.0) * half);
+    let (out, along) = (r * half.cos(), r * along * half.sin());
+    [out * cos - along * sin, out * sin + along * cos]
+}
+
 /// The hemisphere around +z, density cosθ/π: a disk lifted to the sphere (Malley's method).
 #[inline(always)]
 pub fn cosine_hemisphere<F: Real>(u: [F; 2]) -> Vec3<F> {
@@ -133,5 +159,9 @@ mod tests {
         let in_disk = |p: [f32; 2]| (p[0] - 0.5).powi(2) + (p[1] - 0.5).powi(2) <= 0.25;
         chi2_square("disk", disk, |p| if in_disk(p) { 4.0 * FRAC_1_PI } else { 0.0 });
         chi2_square("triangle", uniform_triangle, |p| if p[0] + p[1] <= 1.0 { 2.0 } else { 0.0 });
+        // The square with corners on the axes.
+        let square = |u| uniform_polygon::<f32>(u, 4).map(|x| x * 0.5 + 0.5);
+        let in_square = |p: [f32; 2]| (p[0] - 0.5).abs() + (p[1] - 0.5).abs() <= 0.5;
+        chi2_square("polygon", square, |p| if in_square(p) { 2.0 } else { 0.0 });
     }
 }

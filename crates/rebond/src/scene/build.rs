@@ -4,6 +4,8 @@ use super::description::{
     CameraDescription, Color, EmitterDescription, FovAxis, ImageTexture, LobeForm, MaterialDescription, MaterialRef,
     Mesh, MeshFile, Metal, SceneDescription, ShapeDescription, Texture,
 };
+use super::faces::{Extent, Names};
+use super::pilot;
 use super::transform::Motion;
 use super::{
     BUMP_MAP, BuildError, EMITTER_PER_PRIMITIVE, Features, HAS_NORMALS, HAS_UVS, IS_DISK, IS_SPHERE, MASK,
@@ -11,16 +13,19 @@ use super::{
 };
 use crate::bsdf::measured::{Measured, Tables};
 use crate::bsdf::{Bsdf, Lobe, Model, PARAMETERS, SMOOTH, check};
-use crate::camera::{Camera, Projection};
-use crate::emitter::{Emitter, Emitters, Environment, EnvironmentImage, LightSampler, NO_EMITTER, area_vector};
+use crate::camera::{Aperture, Camera, FEWEST_BLADES, MOST_BLADES, Projection};
+use crate::emitter::{
+    Emitter, Emitters, Environment, EnvironmentImage, Keyframe, LightSampler, NO_EMITTER, area_vector,
+};
 use crate::film::{Filter, FilterSettings, Image, LARGEST_SAMPLE};
-use crate::math::{Frame, Rgb};
+use crate::math::{Frame, Keyframes, Rgb};
 use crate::shape::MeshData;
 use crate::texture::{Encoding, Textures};
 use glam::{DAffine3, DVec3, Vec3};
 use rebond_bvh::{Accel, BuildOptions, Disk, Geometry, Instance, Sphere};
 use rebond_lanes::{Record, scalar::Index1};
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 type Result<T> = std::result::Result<T, BuildError>;
 
@@ -71,7 +76,13 @@ pub fn build(description: &SceneDescription, resources: &dyn Resources) -> Resul
             instances.push((*number, instance.to_world.motion(&path)?, path));
         }
     }
+    let mut primitives = geometries.iter().map(Part::count).sum::<u32>();
     for (geometry, motion, path) in std::mem::take(&mut builder.apart) {
+        // Only now is it known which primitives are its own.
+        if let Some(triangle) = geometry.triangles.first() {
+            builder.shapes[triangle.0[3].to_bits() as usize].0[3] = f32::from_bits(primitives);
+        }
+        primitives += geometry.count();
         instances.push((geometries.len() as u32, motion, path));
         geometries.push(geometry);
     }
@@ -227,12 +238,28 @@ fn camera(description: &CameraDescription, size: [u32; 2]) -> Result<Camera> {
         };
         Ok(if along_x { [half, half * h / w] } else { [half * w / h, half] })
     };
+    let near = match description {
+        Perspective { near_clip, .. } | ThinLens { near_clip, .. } => *near_clip,
+        Orthographic { .. } => 0.0,
+    };
+    let near = number("camera.near_clip", near, 0.0..=f32::MAX, "distance in front of the camera")?;
     let (projection, to_world, shutter) = match description {
-        Perspective { to_world, fov, fov_axis, shutter_open, shutter_close } => {
+        Perspective { to_world, fov, fov_axis, shutter_open, shutter_close, near_clip: _ } => {
             (Projection::Perspective { extent: extent(*fov, *fov_axis)? }, to_world, [*shutter_open, *shutter_close])
         }
-        ThinLens { to_world, fov, fov_axis, aperture_radius, focus_distance, shutter_open, shutter_close } => {
-            let radius = number("camera.aperture_radius", *aperture_radius, 0.0..=f32::MAX, "radius of a lens")?;
+        ThinLens {
+            to_world,
+            fov,
+            fov_axis,
+            near_clip: _,
+            aperture_radius,
+            aperture_blades,
+            aperture_rotation,
+            focus_distance,
+            shutter_open,
+            shutter_close,
+        } => {
+            let aperture = aperture(*aperture_radius, *aperture_blades, *aperture_rotation)?;
             let focus = number(
                 "camera.focus_distance",
                 *focus_distance,
@@ -240,7 +267,7 @@ fn camera(description: &CameraDescription, size: [u32; 2]) -> Result<Camera> {
                 "distance in front of a lens",
             )?;
             (
-                Projection::ThinLens { extent: extent(*fov, *fov_axis)?, radius, focus },
+                Projection::ThinLens { extent: extent(*fov, *fov_axis)?, aperture, focus },
                 to_world,
                 [*shutter_open, *shutter_close],
             )
@@ -252,7 +279,20 @@ fn camera(description: &CameraDescription, size: [u32; 2]) -> Result<Camera> {
     if !(shutter[0].is_finite() && shutter[1].is_finite() && shutter[0] <= shutter[1]) {
         return Err(BuildError::new("camera.shutter_close", "the shutter closes before it opens"));
     }
-    Ok(Camera::new(projection, &to_world.motion("camera.to_world")?.0, shutter, size))
+    Ok(Camera::new(projection, &to_world.motion("camera.to_world")?.0, shutter, size).with_near_clip(near))
+}
+
+fn aperture(radius: f32, blades: u32, rotation: f32) -> Result<Aperture> {
+    let radius = number("camera.aperture_radius", radius, 0.0..=f32::MAX, "radius of a lens")?;
+    let rotation = number("camera.aperture_rotation", rotation, f32::MIN..=f32::MAX, "angle")?;
+    match blades {
+        0 => Ok(Aperture::round(radius)),
+        FEWEST_BLADES..=MOST_BLADES => Ok(Aperture::polygon(radius, blades, rotation.to_radians())),
+        _ => {
+            let error = BuildError::new("camera.aperture_blades", format!("an iris of {blades} blades"));
+            Err(error.help(format!("give {FEWEST_BLADES} to {MOST_BLADES} blades, or 0 for a round opening")))
+        }
+    }
 }
 
 /// A geometry and what stands beside it in the scene's tables.
@@ -280,9 +320,12 @@ struct Builder<'a> {
     measured_files: BTreeMap<&'a str, (Model, u32)>,
     features: Features,
     emitters: Vec<Emitter>,
+    /// Emitters that move, before they do.
+    moving: Vec<(Range<u32>, Vec<Keyframe>)>,
     environments: Vec<Environment>,
     /// Shapes that need an instance of their own: moving ones, and round ones that are stretched.
     apart: Vec<(Part, Motion, String)>,
+    names: Names,
     warnings: Vec<String>,
     primitives_before: u32,
 }
@@ -311,8 +354,10 @@ impl<'a> Builder<'a> {
             measured_files: BTreeMap::new(),
             features: Features::default(),
             emitters: Vec::new(),
+            moving: Vec::new(),
             environments: Vec::new(),
             apart: Vec::new(),
+            names: Names::default(),
             warnings: Vec::new(),
             primitives_before: 0,
         }
@@ -758,9 +803,9 @@ impl<'a> Builder<'a> {
         };
         if placement.motion.is_some() {
             let why = if round && motion.at_rest().is_some() { "is stretched out of round" } else { "moves" };
-            if emission.is_some() {
-                let error = BuildError::new(format!("{path}.emission"), format!("a shape that {why} cannot shine"));
-                return Err(error.help("give it a material only, or let it rest"));
+            if emission.is_some() && matches!(shape, S::Sphere(_)) && !motion.0.iter().all(|(_, m)| is_similarity(m)) {
+                let error = BuildError::new(format!("{path}.emission"), "a sphere stretched out of round cannot shine");
+                return Err(error.help("scale it alike along all axes, or give it a material only"));
             }
             if !world {
                 let error = BuildError::new(format!("{path}.to_world"), format!("a shape within a group {why}"));
@@ -773,6 +818,7 @@ impl<'a> Builder<'a> {
         }
         let look = Look { path, material, emission };
         let mut own = Part::default();
+        let first_emitter = self.emitters.len() as u32;
         let apart = placement.motion.is_some();
         let target = if apart { &mut own } else { part };
         match shape {
@@ -798,9 +844,18 @@ impl<'a> Builder<'a> {
             S::Instance(_) => {}
         }
         if let Some(motion) = placement.motion {
+            self.moves(first_emitter, &motion);
             self.apart.push((own, motion, format!("{path}.to_world")));
         }
         Ok(())
+    }
+
+    /// The emitters from this one on move.
+    fn moves(&mut self, first: u32, motion: &Motion) {
+        let emitters = first..self.emitters.len() as u32;
+        if !emitters.is_empty() {
+            self.moving.push((emitters, motion.0.iter().map(|(t, m)| (*t, rows(m))).collect()));
+        }
     }
 
     fn default_material(&mut self) -> Result<u32> {
@@ -832,6 +887,7 @@ impl<'a> Builder<'a> {
     fn push_shape(&mut self, look: &Look, flags: u32, first_primitive: u32) -> u32 {
         let emitter = if look.emission.is_some() { self.emitters.len() as u32 } else { NO_EMITTER };
         self.features.emissive_shapes |= look.emission.is_some();
+        self.names.shapes.push(look.path.to_owned());
         self.shapes.push(Record::words([look.material, emitter, flags, first_primitive]));
         self.shapes.len() as u32 - 1
     }
@@ -961,13 +1017,20 @@ impl<'a> Builder<'a> {
         for (i, emitter) in self.description.emitters.iter().enumerate() {
             let path = format!("emitters[{i}]");
             let at = |key: &str| format!("{path}.{key}");
+            let mut motion = Motion::rest(DAffine3::IDENTITY);
             let emitter = match emitter {
-                EmitterDescription::Point { position, intensity } => Emitter::Point {
-                    position: finite_point(&at("position"), *position)?,
-                    intensity: light(&at("intensity"), *intensity)?,
-                },
+                EmitterDescription::Point { to_world, position, intensity } => {
+                    let position = finite_point(&at("position"), *position)?;
+                    motion = to_world.motion(&at("to_world"))?;
+                    let m = motion.at_rest().copied().unwrap_or_default();
+                    Emitter::Point {
+                        position: m.transform_point3(position.as_dvec3()).as_vec3(),
+                        intensity: light(&at("intensity"), *intensity)?,
+                    }
+                }
                 EmitterDescription::Spot { to_world, intensity, cutoff_angle, beam_width } => {
-                    let m = to_world.matrix(&at("to_world"), "a spot")?;
+                    motion = to_world.motion(&at("to_world"))?;
+                    let m = motion.at_rest().copied().unwrap_or_default();
                     let outer = number(&at("cutoff_angle"), *cutoff_angle, 1e-3..=180.0, "angle of a spot")?;
                     let inner = number(
                         &at("beam_width"),
@@ -999,6 +1062,9 @@ impl<'a> Builder<'a> {
                 }
             };
             self.emitters.push(emitter);
+            if motion.at_rest().is_none() {
+                self.moves(self.emitters.len() as u32 - 1, &motion);
+            }
         }
         Ok(())
     }
@@ -1059,7 +1125,9 @@ impl<'a> Builder<'a> {
     ) -> Result<Scene> {
         let mut primitives = Vec::new();
         let mut geometries = Vec::new();
+        let mut extents: Vec<Extent> = Vec::new();
         for part in parts {
+            extents.push([primitives.len() as u32, part.triangles.len() as u32, part.count()]);
             primitives.extend(part.triangles.into_iter().chain(part.spheres).chain(part.disks));
             geometries.push(part.geometry);
         }
@@ -1071,7 +1139,15 @@ impl<'a> Builder<'a> {
                 Instance { geometry: *geometry, keyframes }
             })
             .collect();
-        let (instance_records, instance_keyframes) = instance_table(&instances);
+        let keyframes = Keyframes::new(instances.iter().map(|i| &i.keyframes[..]));
+        let extents = placed.iter().map(|(geometry, ..)| extents[*geometry as usize]).collect();
+        self.names.instances = placed.iter().map(|(_, _, path)| path.clone()).collect();
+        self.names.materials = self
+            .named
+            .iter()
+            .filter(|(name, _)| !name.is_empty())
+            .map(|(name, number)| (*number, (*name).to_owned()))
+            .collect();
         let count = |f: fn(&Geometry) -> usize| geometries.iter().map(|g| f(g) as u64).sum::<u64>();
         let mut statistics = SceneStatistics {
             triangles: count(|g| g.triangles.len()),
@@ -1103,31 +1179,36 @@ impl<'a> Builder<'a> {
         if !self.features.normals {
             self.normals = Vec::new();
         }
-        let light_sampler =
-            LightSampler::new(&self.emitters, radius, self.description.light_choice).ok_or_else(|| {
-                BuildError::new("emitters", "the power of a light is not a finite number")
-                    .help("is a light or the scene too large?")
-            })?;
+        let mut known = self.emitters.clone();
+        for (emitters, motion) in &self.moving {
+            for emitter in &mut known[emitters.start as usize..emitters.end as usize] {
+                *emitter = emitter.hull(motion);
+            }
+        }
+        let light_sampler = LightSampler::new(&known, radius, self.description.light_choice).ok_or_else(|| {
+            BuildError::new("emitters", "the power of a light is not a finite number")
+                .help("is a light or the scene too large?")
+        })?;
         let center = if lo[0] <= hi[0] { (Vec3::from(lo) + Vec3::from(hi)) / 2.0 } else { Vec3::ZERO };
         // Where light may meet the lens it must be able to start before it.
         let to_lens = |(at, reach): ([f32; 3], f32)| (Vec3::from(at) - center).length() + reach;
         let reach = camera.lens_bounds().into_iter().map(to_lens).fold(radius, f32::max);
-        let emitters = Emitters::new(&self.emitters, self.environments).around(center.to_array(), reach * 1.0001);
+        let emitters = Emitters::new(&self.emitters, self.environments).moving(&self.moving);
+        let emitters = emitters.around(center.to_array(), reach * 1.0001);
         let tables = [&primitives, &self.vertices, &self.normals, &self.shapes, &self.analytic, &self.materials];
         let bytes = tables.iter().map(|t| t.len() * size_of::<Record>()).sum::<usize>() + self.textures.bytes();
         let bytes = bytes + self.measured.bytes();
         let bytes = bytes + emitters.environments.iter().map(|(_, e)| e.bytes()).sum::<usize>();
         statistics.table_bytes = (bytes + light_sampler.bytes()) as u64;
         statistics.warnings = self.warnings;
-        Ok(Scene {
+        let mut scene = Scene {
             accel,
             primitives,
             vertices: self.vertices,
             normals: self.normals,
             shapes: self.shapes,
             analytic: self.analytic,
-            instances: instance_records,
-            instance_keyframes,
+            instances: keyframes,
             materials: self.materials,
             textures: self.textures,
             measured: self.measured,
@@ -1137,7 +1218,13 @@ impl<'a> Builder<'a> {
             camera,
             filter,
             statistics,
-        })
+            names: self.names,
+            extents,
+        };
+        for (emitter, axis, one_minus_cos) in pilot::caps(&scene) {
+            scene.emitters.set_cap(emitter, axis, one_minus_cos);
+        }
+        Ok(scene)
     }
 }
 
@@ -1182,20 +1269,6 @@ fn flipped(mut mesh: MeshData, flip: bool) -> MeshData {
 fn rows(m: &DAffine3) -> rebond_bvh::Affine {
     let c = m.to_cols_array_2d().map(|c| c.map(|x| x as f32));
     std::array::from_fn(|r| [c[0][r], c[1][r], c[2][r], c[3][r]])
-}
-
-/// All instances with the same number of keyframes, the last repeated.
-fn instance_table(instances: &[Instance]) -> (Vec<Record>, u32) {
-    let most = instances.iter().map(|i| i.keyframes.len()).max().unwrap_or(1);
-    let mut table = Vec::new();
-    for instance in instances {
-        for k in 0..most {
-            let (time, rows) = instance.keyframes[k.min(instance.keyframes.len() - 1)];
-            table.push(Record([time, 0.0, 0.0, 0.0]));
-            table.extend(rows.map(Record));
-        }
-    }
-    (table, most as u32)
 }
 
 fn mesh_in_place(mesh: &Mesh, path: &str) -> Result<MeshData> {

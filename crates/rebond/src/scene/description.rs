@@ -89,6 +89,9 @@ pub enum CameraDescription {
         /// What `fov` measures.
         #[serde(default)]
         fov_axis: FovAxis,
+        /// Distance along the axis before which nothing is seen.
+        #[serde(default)]
+        near_clip: f32,
         /// Time at which the shutter opens.
         #[serde(default)]
         shutter_open: f32,
@@ -107,8 +110,17 @@ pub enum CameraDescription {
         /// What `fov` measures.
         #[serde(default)]
         fov_axis: FovAxis,
+        /// Distance along the axis before which nothing is seen.
+        #[serde(default)]
+        near_clip: f32,
         /// Radius of the lens.
         aperture_radius: f32,
+        /// Blades of its iris: the opening is a regular polygon with its corners at `aperture_radius`. Round if 0.
+        #[serde(default)]
+        aperture_blades: u32,
+        /// Degrees by which the iris is turned, counter-clockwise as seen from behind the camera; at 0 a corner is on top.
+        #[serde(default)]
+        aperture_rotation: f32,
         /// Distance along the axis that is in focus.
         focus_distance: f32,
         /// Time at which the shutter opens.
@@ -142,6 +154,7 @@ impl Default for CameraDescription {
             to_world: Transform::default(),
             fov: default_fov(),
             fov_axis: FovAxis::X,
+            near_clip: 0.0,
             shutter_open: 0.0,
             shutter_close: 0.0,
         }
@@ -657,6 +670,9 @@ pub enum EmitterDescription {
     Point {
         /// Where.
         position: [f32; 3],
+        /// What moves it.
+        #[serde(default)]
+        to_world: Transform,
         /// Radiant intensity, W·sr⁻¹.
         intensity: Color,
     },

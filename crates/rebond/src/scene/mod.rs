@@ -2,11 +2,14 @@
 
 mod build;
 pub mod description;
+mod faces;
+mod pilot;
 mod surface;
 mod transform;
 
 pub use build::{MeshSource, Resources, build, material};
 pub use description::SceneDescription;
+pub use faces::{DiffusePart, Face, Obstacle};
 pub use surface::Surface;
 
 use crate::bsdf::measured::Tables;
@@ -14,7 +17,7 @@ use crate::bsdf::{Bsdf, Lobe, Model, PARAMETERS};
 use crate::camera::Camera;
 use crate::emitter::{EmitterHit, EmitterSample, Emitters, LightSampler, LightSampling};
 use crate::film::Filter;
-use crate::math::{Frame, Rgb, Vec3};
+use crate::math::{Frame, Keyframes, Rgb, Vec3};
 use crate::texture::Textures;
 use rebond_bvh::{Accel, Hit, Ray, Trace};
 use rebond_lanes::{Index, Mask, Real, Record, scalar::Index1};
@@ -78,10 +81,8 @@ pub struct Scene {
     /// Spheres and disks, three records each: [centre, radius], [x axis, side of the normal],
     /// [z axis, handedness].
     analytic: Vec<Record>,
-    /// Instances: `instance_stride` records each: per keyframe, time-stamped rows of the matrix.
-    instances: Vec<Record>,
-    /// Keyframes of each instance; all have the same number.
-    instance_keyframes: u32,
+    /// Where the instances are.
+    instances: Keyframes,
     /// Materials: `MATERIAL_RECORDS` each.
     materials: Vec<Record>,
     textures: Textures,
@@ -92,6 +93,9 @@ pub struct Scene {
     camera: Camera,
     filter: Filter,
     statistics: SceneStatistics,
+    names: faces::Names,
+    /// Of each instance.
+    extents: Vec<faces::Extent>,
 }
 
 /// What a scene has at all, so that what it has not costs nothing.
@@ -247,20 +251,22 @@ impl Scene {
             * self.light_sampler.probability(p, n, surface.emitter, mask)
     }
 
-    /// Light for a point `p` with normal `n`: from one emitter, chosen by `choice`, weighed for all; its `pdf` is that
+    /// Light for a point `p` with normal `n` at a time: from one emitter, chosen by `choice`, weighed for all; its `pdf` is that
     /// of the choice and the direction together. `None` in a scene without light.
+    #[expect(clippy::too_many_arguments)]
     #[inline(always)]
     pub fn sample_light<F: Real>(
         &self,
         p: Vec3<F>,
         n: Vec3<F>,
+        time: F,
         sampling: LightSampling,
         choice: impl FnOnce() -> F,
         u: [F; 2],
         mask: F::Mask,
     ) -> Option<EmitterSample<F>> {
         let (emitter, probability) = self.light_sampler.sample(p, n, choice, mask)?;
-        Some(self.emitters.sample(emitter, p, sampling, u, mask).chosen_with(probability))
+        Some(self.emitters.sample(emitter, p, time, sampling, u, mask).chosen_with(probability))
     }
 
     /// Radiance of all surroundings along the unit direction `w`.
@@ -417,7 +423,7 @@ impl<F: Real> Surface<F> {
     /// What its emitter must know of a point that sees it.
     #[inline(always)]
     pub fn seen_from(&self, p: Vec3<F>) -> EmitterHit<F> {
-        EmitterHit { emitter: self.emitter, from: p, to: self.p - p, normal: self.ng }
+        EmitterHit { emitter: self.emitter, from: p, to: self.p - p, normal: self.ng, time: self.time }
     }
     /// Lanes whose surface shines.
     #[inline(always)]

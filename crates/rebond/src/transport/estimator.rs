@@ -9,6 +9,14 @@
 //! integrators are this with paths for X.
 
 use crate::math::Moments;
+use crate::sampling::{Sampler, SamplerSettings};
+use rebond_lanes::scalar::Index1;
+
+/// The numbers in [0, 1) that one dimension of `n` samples gets.
+pub fn numbers(settings: SamplerSettings, seed: u64, n: u32) -> impl Iterator<Item = f64> {
+    let sampler = Sampler::new(settings, seed);
+    (0..n).map(move |i| f64::from(sampler.stream::<f32>(Index1(0), Index1(i)).value(Index1(0))))
+}
 
 /// A point and the density with which it was drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -84,14 +92,7 @@ pub fn log_log_slope(points: &[[f64; 2]]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sampling::{Sampler, SamplerSettings};
     use crate::testing::SIGNIFICANCE;
-    use rebond_lanes::scalar::Index1;
-
-    fn numbers(settings: SamplerSettings, seed: u64, n: u32) -> impl Iterator<Item = f64> {
-        let sampler = Sampler::new(settings, seed);
-        (0..n).map(move |i| f64::from(sampler.stream::<f32>(Index1(0), Index1(i)).value(Index1(0))))
-    }
 
     #[test]
     fn mean_and_variance_are_those_of_theory() {

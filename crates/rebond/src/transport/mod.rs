@@ -2,6 +2,7 @@
 
 pub mod estimator;
 mod eye;
+pub mod form_factor;
 pub mod irradiance;
 mod roulette;
 mod sheets;

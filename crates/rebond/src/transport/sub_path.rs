@@ -258,7 +258,7 @@ impl<'a> SubPath<'a> {
             return choice;
         }
         let (to, n) = (source.emission.o - at.p, source.emission.normal);
-        let hit = EmitterHit { emitter, from: at.p, to, normal: n };
+        let hit = EmitterHit { emitter, from: at.p, to, normal: n, time: self.ray.time };
         let drawn = emitters.pdf(&hit, LightSampling::Area, true).to_area(to, n);
         choice * drawn.0 / source.emission.pdf.position.0
     }

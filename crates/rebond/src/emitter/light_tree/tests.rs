@@ -205,7 +205,7 @@ fn bounds_hold() {
             let d2 = (near * far).max(half.length_squared() / 3.0);
             let cosines = receiver.importance(place, cone) * d2 / all.intensity;
             for (i, e) in (0..).zip(&emitters) {
-                let s = table.sample(Index1(i), lanes(p), LightSampling::Area, values.pair(), true);
+                let s = table.sample(Index1(i), lanes(p), 0.0, LightSampling::Area, values.pair(), true);
                 if s.weight.g == 0.0 {
                     continue;
                 }

@@ -1,0 +1,193 @@
+//! `rebond lecture`: the lecture's experiments, recomputed, as one page.
+//!
+//! A section is one file: what it shows, as a [`Section`] in [`SECTIONS`], and a function that makes its [`Findings`].
+
+mod ambient_occlusion;
+mod direct;
+mod direct_errors;
+mod judge;
+mod monte_carlo;
+mod page;
+mod path_tracing;
+mod workshop;
+
+use crate::Failure;
+use crate::output::{answer, note, write_bytes, write_text};
+use crate::progress::catch_interrupt;
+use clap::Args;
+use page::{Chapter, Findings};
+use rebond_io::deserialize::nearest;
+use serde_json::{Map, Value, json};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+use workshop::Workshop;
+
+/// A part of the lecture.
+struct Section {
+    /// Its name on the command line.
+    name: &'static str,
+    title: &'static str,
+    /// What it makes, in a few words.
+    makes: &'static str,
+    run: fn(&Workshop) -> Result<Findings, Failure>,
+}
+
+/// The sections, in the lecture's order.
+const SECTIONS: &[Section] =
+    &[monte_carlo::SECTION, ambient_occlusion::SECTION, direct::SECTION, direct_errors::SECTION, path_tracing::SECTION];
+
+#[derive(Args)]
+pub struct Arguments {
+    /// Only these sections, such as `monte-carlo,direct`; see --list.
+    #[arg(long, value_name = "NAME,..", value_delimiter = ',')]
+    only: Vec<String>,
+    /// Say which sections there are, and what they make.
+    #[arg(long)]
+    list: bool,
+    /// Thumbnails in seconds, small pictures in minutes, or large ones of more samples.
+    #[arg(long, value_enum, default_value_t = Quality::Quick)]
+    quality: Quality,
+    /// Seed of the sample values.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Threads to use [default: all].
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+    /// Folder for the page (index.html), its pictures, drawings and numbers; made if there is none.
+    #[arg(short, long, value_name = "DIR", default_value = "lecture")]
+    output: PathBuf,
+    /// No progress and no notes.
+    #[arg(long)]
+    quiet: bool,
+    /// Print one JSON object with all numbers.
+    #[arg(long)]
+    json: bool,
+}
+
+/// How much work to spend.
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Quality {
+    Draft,
+    Quick,
+    Full,
+}
+
+impl Quality {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Draft => "draft",
+            Self::Quick => "quick",
+            Self::Full => "full",
+        }
+    }
+}
+
+/// The sections of these names, in the lecture's order; all, if there are none.
+fn chosen(only: &[String]) -> Result<Vec<&'static Section>, Failure> {
+    let names: Vec<&str> = SECTIONS.iter().map(|s| s.name).collect();
+    for name in only {
+        if !names.contains(&name.as_str()) {
+            let list = names.join(", ");
+            let help = match nearest(name, &names) {
+                Some(near) => format!("did you mean \"{near}\"? sections: {list}"),
+                None => format!("sections: {list}"),
+            };
+            return Err(Failure::usage(format!("there is no section \"{name}\""), help));
+        }
+    }
+    Ok(SECTIONS.iter().filter(|s| only.is_empty() || only.iter().any(|name| name == s.name)).collect())
+}
+
+pub fn run(a: &Arguments) -> Result<(), Failure> {
+    let sections = chosen(&a.only)?;
+    if a.list {
+        return list(&sections, a.json);
+    }
+    make_folder(&a.output)?;
+    catch_interrupt();
+    let threads = a.threads.map_or_else(|| std::thread::available_parallelism().map_or(1, |n| n.get()), usize::from);
+    let workshop = Workshop::new(a.quality, a.seed, threads, a.quiet);
+    let (mut chapters, mut numbers, mut outcome) = (Vec::new(), Map::new(), Ok(()));
+    for section in sections {
+        let start = Instant::now();
+        match (section.run)(&workshop) {
+            Ok(mut findings) => {
+                findings.number("seconds", start.elapsed().as_secs_f64());
+                numbers.insert(section.name.into(), Value::Object(findings.numbers.clone()));
+                let command = workshop.command_of(section.name);
+                chapters.push(Chapter { name: section.name, title: section.title, command, findings });
+            }
+            // What is done by then is still written.
+            Err(Failure::Interrupted) => {
+                outcome = Err(Failure::Interrupted);
+                break;
+            }
+            Err(e) => return Err(e),
+        }
+    }
+    let dropped = workshop.dropped_samples();
+    if dropped > 0 && !a.quiet {
+        note(&format!("warning: {dropped} samples were not finite, or too bright for a film, and count as black"));
+    }
+    let mut numbers = json!({ "quality": a.quality.name(), "seed": a.seed, "threads": threads,
+        "dropped_samples": dropped, "sections": numbers });
+    let names = write(&a.output, &chapters, &numbers, &workshop)?;
+    if a.json {
+        numbers["outputs"] = json!(names);
+        answer(&numbers.to_string())?;
+    } else {
+        // The page is first; the rest lies beside it.
+        names.iter().take(1).try_for_each(|n| answer(n))?;
+    }
+    outcome
+}
+
+fn list(sections: &[&Section], as_json: bool) -> Result<(), Failure> {
+    if as_json {
+        let one = |s: &&Section| json!({ "name": s.name, "title": s.title, "makes": s.makes });
+        return answer(&Value::from(sections.iter().map(one).collect::<Vec<_>>()).to_string());
+    }
+    sections.iter().try_for_each(|s| answer(&format!("{:<18} {}", s.name, s.makes)))
+}
+
+/// The folder to write to, before any work is done.
+fn make_folder(folder: &Path) -> Result<(), Failure> {
+    let shown = folder.display();
+    if folder.exists() && !folder.is_dir() {
+        return Err(Failure::usage(format!("the output \"{shown}\" is a file"), "name a folder"));
+    }
+    std::fs::create_dir_all(folder)
+        .map_err(|e| Failure::usage(format!("cannot make the folder \"{shown}\": {e}"), "name another place"))
+}
+
+/// Writes the page and what lies beside it; returns the names.
+fn write(folder: &Path, chapters: &[Chapter], numbers: &Value, workshop: &Workshop) -> Result<Vec<String>, Failure> {
+    let page = folder.join("index.html");
+    write_text(&page, &page::html(chapters, &workshop.made()))?;
+    let data = folder.join("numbers.json");
+    write_text(&data, &format!("{numbers:#}\n"))?;
+    let mut names = vec![page.display().to_string(), data.display().to_string()];
+    for (name, bytes) in chapters.iter().flat_map(|c| c.findings.files()) {
+        let path = folder.join(name);
+        let shown = path.display().to_string();
+        write_bytes(&path, &bytes).map_err(|e| Failure::Run(format!("cannot write \"{shown}\": {e}")))?;
+        names.push(shown);
+    }
+    Ok(names)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sections_are_named_once_and_found() {
+        let all = chosen(&[]).ok().expect("all");
+        assert_eq!(all.len(), SECTIONS.len());
+        for section in SECTIONS {
+            let found = chosen(&[section.name.to_owned()]).ok().expect(section.name);
+            assert_eq!(found.iter().map(|s| s.name).collect::<Vec<_>>(), [section.name]);
+            assert!(!section.makes.is_empty());
+        }
+    }
+}

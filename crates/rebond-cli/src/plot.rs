@@ -1,0 +1,233 @@
+//! Charts, as SVG: curves over axes that are linear or logarithmic, drawn by plotters.
+
+use plotters::coord::ranged1d::{AsRangedCoord, ValueFormatter};
+use plotters::coord::{Shift, ranged1d::Ranged};
+use plotters::prelude::*;
+use std::fmt::Write;
+
+const SIZE: (u32, u32) = (760, 440);
+/// Colours that the colour-blind can tell apart (Okabe and Ito 2008), readable on white and on black.
+const COLORS: [RGBColor; 7] = [
+    RGBColor(0x00, 0x7f, 0xc4),
+    RGBColor(0xd5, 0x5e, 0x00),
+    RGBColor(0x00, 0x9e, 0x73),
+    RGBColor(0xcc, 0x79, 0xa7),
+    RGBColor(0xe6, 0x9f, 0x00),
+    RGBColor(0x56, 0xb4, 0xe9),
+    RGBColor(0x80, 0x80, 0x80),
+];
+/// The last of the colours, for what theory says.
+pub const GREY: usize = COLORS.len() - 1;
+
+/// How a curve is drawn.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Mark {
+    Line,
+    Dashes,
+    LineAndDots,
+}
+
+pub struct Curve {
+    pub name: String,
+    pub mark: Mark,
+    pub color: usize,
+    pub points: Vec<[f64; 2]>,
+}
+
+/// What lies between two curves: x, and from where to where.
+pub struct Band {
+    pub name: String,
+    pub color: usize,
+    pub points: Vec<[f64; 3]>,
+}
+
+pub struct Axis {
+    pub label: &'static str,
+    pub log: bool,
+    /// From where to where; as the curves need it if not given.
+    pub range: Option<[f64; 2]>,
+}
+
+/// The corner in which curves are named.
+#[derive(Clone, Copy, Default)]
+pub enum Legend {
+    #[default]
+    UpperRight,
+    UpperLeft,
+    LowerLeft,
+}
+
+pub struct Chart {
+    pub title: String,
+    pub x: Axis,
+    pub y: Axis,
+    pub bands: Vec<Band>,
+    pub curves: Vec<Curve>,
+    pub legend: Legend,
+}
+
+type Outcome = Result<(), DrawingAreaErrorKind<std::io::Error>>;
+
+impl Axis {
+    fn range(&self, values: impl Iterator<Item = f64>) -> [f64; 2] {
+        if let Some(range) = self.range {
+            return range;
+        }
+        let values = values.filter(|v| v.is_finite() && (!self.log || *v > 0.0));
+        let [a, b] = values.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], v| [a.min(v), b.max(v)]);
+        match (a < b, self.log) {
+            (true, true) => [a / (b / a).powf(0.04), b * (b / a).powf(0.04)],
+            (true, false) => [a - 0.04 * (b - a), b + 0.04 * (b - a)],
+            (false, _) if a.is_finite() && a != 0.0 => [a - 0.5 * a.abs(), a + 0.5 * a.abs()],
+            _ => [0.1, 1.0],
+        }
+    }
+}
+
+/// A number on an axis, as short as it goes.
+fn label(x: f64) -> String {
+    match x.abs() {
+        0.0 => "0".into(),
+        1e-3..1e6 => format!("{}", (x * 1e6).round() / 1e6),
+        _ => format!("{x:.0e}"),
+    }
+}
+
+impl Chart {
+    pub fn svg(&self) -> String {
+        let values = |k: usize| {
+            let of_curves = self.curves.iter().flat_map(move |c| c.points.iter().map(move |p| p[k]));
+            let of_bands = self.bands.iter().flat_map(move |b| b.points.iter().flat_map(move |p| [p[k], p[k + k]]));
+            of_curves.chain(of_bands)
+        };
+        let ([x0, x1], [y0, y1]) = (self.x.range(values(0)), self.y.range(values(1)));
+        let mut out = String::new();
+        let drawn = {
+            let root = SVGBackend::with_string(&mut out, SIZE).into_drawing_area();
+            match (self.x.log, self.y.log) {
+                (false, false) => self.draw(&root, x0..x1, y0..y1),
+                (true, false) => self.draw(&root, (x0..x1).log_scale(), y0..y1),
+                (false, true) => self.draw(&root, x0..x1, (y0..y1).log_scale()),
+                (true, true) => self.draw(&root, (x0..x1).log_scale(), (y0..y1).log_scale()),
+            }
+        };
+        debug_assert!(drawn.is_ok(), "writing to a string cannot fail");
+        out
+    }
+
+    fn draw<X, Y>(&self, root: &DrawingArea<SVGBackend<'_>, Shift>, x: X, y: Y) -> Outcome
+    where
+        X: AsRangedCoord<Value = f64>,
+        Y: AsRangedCoord<Value = f64>,
+        X::CoordDescType: Ranged<ValueType = f64> + ValueFormatter<f64>,
+        Y::CoordDescType: Ranged<ValueType = f64> + ValueFormatter<f64>,
+    {
+        root.fill(&WHITE)?;
+        let mut chart = ChartBuilder::on(root)
+            .caption(&self.title, ("sans-serif", 18))
+            .margin(12)
+            .margin_right(30)
+            .x_label_area_size(46)
+            .y_label_area_size(74)
+            .build_cartesian_2d(x, y)?;
+        let grey = COLORS[GREY];
+        chart
+            .configure_mesh()
+            .x_desc(self.x.label)
+            .y_desc(self.y.label)
+            .label_style(("sans-serif", 14))
+            .bold_line_style(grey.mix(0.35))
+            .light_line_style(grey.mix(0.12))
+            .max_light_lines(4)
+            .x_label_formatter(&|x| label(*x))
+            .y_label_formatter(&|y| label(*y))
+            .draw()?;
+        for band in &self.bands {
+            let color = COLORS[band.color % COLORS.len()];
+            let back = band.points.iter().rev().map(|p| (p[0], p[2]));
+            let outline: Vec<(f64, f64)> = band.points.iter().map(|p| (p[0], p[1])).chain(back).collect();
+            chart
+                .draw_series(std::iter::once(Polygon::new(outline, color.mix(0.25))))?
+                .label(&band.name)
+                .legend(move |(x, y)| Rectangle::new([(x, y - 5), (x + 22, y + 5)], color.mix(0.25).filled()));
+        }
+        for curve in &self.curves {
+            let color = COLORS[curve.color % COLORS.len()];
+            let points = || curve.points.iter().map(|p| (p[0], p[1]));
+            let line = color.stroke_width(2);
+            let series = match curve.mark {
+                Mark::Dashes => chart.draw_series(DashedLineSeries::new(points(), 6, 5, line))?,
+                Mark::Line | Mark::LineAndDots => chart.draw_series(LineSeries::new(points(), line))?,
+            };
+            let mark = curve.mark;
+            series.label(&curve.name).legend(move |(x, y)| {
+                let dash = if mark == Mark::Dashes { 8 } else { 22 };
+                PathElement::new(vec![(x, y), (x + dash, y)], line)
+            });
+            if curve.mark == Mark::LineAndDots {
+                chart.draw_series(points().map(|p| Circle::new(p, 3, color.filled())))?;
+            }
+        }
+        chart
+            .configure_series_labels()
+            .position(match self.legend {
+                Legend::UpperRight => SeriesLabelPosition::UpperRight,
+                Legend::UpperLeft => SeriesLabelPosition::UpperLeft,
+                Legend::LowerLeft => SeriesLabelPosition::LowerLeft,
+            })
+            .label_font(("sans-serif", 14))
+            .legend_area_size(30)
+            .margin(8)
+            .background_style(WHITE.mix(0.85))
+            .border_style(grey.mix(0.4))
+            .draw()?;
+        root.present()
+    }
+
+    /// The numbers: one line a point.
+    pub fn csv(&self) -> String {
+        let mut out = String::from("curve,x,y\n");
+        for curve in &self.curves {
+            for [x, y] in &curve.points {
+                // Writing to a string cannot fail.
+                let _ = writeln!(out, "{},{x},{y}", quoted(&curve.name));
+            }
+        }
+        out
+    }
+}
+
+/// A cell of a CSV file (RFC 4180).
+pub fn quoted(text: &str) -> String {
+    if text.contains(['"', ',', '\n']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.into() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn chart(log: bool, points: &[[f64; 2]]) -> Chart {
+        let axis = || Axis { label: "a & b", log, range: None };
+        let curve = |mark| Curve { name: "a, \"b\" <c>".into(), mark, color: 0, points: points.to_vec() };
+        let curves = [Mark::Line, Mark::Dashes, Mark::LineAndDots].map(curve).into();
+        Chart { title: "<t>".into(), x: axis(), y: axis(), bands: vec![], curves, legend: Legend::LowerLeft }
+    }
+
+    #[test]
+    fn charts_are_drawn_whatever_the_points() {
+        for log in [false, true] {
+            for points in [vec![], vec![[0.0, 0.0]], vec![[1.0, 1.0]; 2], vec![[1.0, 1e-9], [1e6, 1e9]]] {
+                let svg = chart(log, &points).svg();
+                assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"), "{points:?}");
+                assert!(svg.contains("&lt;t&gt;") && !svg.contains("<t>") && !svg.contains("NaN"), "{points:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn numbers_are_kept_whole() {
+        let csv = chart(false, &[[0.1, 1.0 / 3.0]]).csv();
+        assert!(csv.starts_with("curve,x,y\n\"a, \"\"b\"\" <c>\",0.1,0.3333333333333333\n"), "{csv}");
+        assert_eq!([0.0, 1e-9, 0.25, 4096.0, 1e7].map(label), ["0", "1e-9", "0.25", "4096", "1e7"]);
+    }
+}
