@@ -5,7 +5,7 @@
 //! ```
 //!
 //! Three choices make an estimator: the numbers u in [0, 1) (independent, stratified, of low discrepancy: a
-//! [`Sampler`](crate::sampling::Sampler)'s), the warp that turns them into X of density pdf (importance sampling), and f. The
+//! [`Sampler`]'s), the warp that turns them into X of density pdf (importance sampling), and f. The
 //! integrators are this with paths for X.
 
 use crate::math::Moments;
