@@ -4,7 +4,7 @@ use super::light_tree::LightTree;
 use super::{Emitter, importance};
 use crate::math::Vec3;
 use crate::sampling::Discrete;
-use rebond_lanes::{Index, Mask, Real, Record, scalar::Index1};
+use rebond_lanes::{Index, Mask, Real, Record};
 use serde::{Deserialize, Serialize};
 
 /// How an emitter is chosen.
@@ -131,14 +131,17 @@ impl LightSampler {
     }
 
     /// An emitter that light leaves from, and the probability of that choice: by power. `None` in a scene without light.
-    pub fn source(&self, u: f32) -> Option<(u32, f32)> {
-        let (emitter, probability) = self.by_power.as_ref()?.sample::<f32>(u);
-        Some((emitter.lane(0), probability))
+    #[inline(always)]
+    pub fn source<F: Real>(&self, u: impl FnOnce() -> F) -> Option<(F::Index, F)> {
+        let by_power = self.by_power.as_ref()?;
+        let u = if by_power.len() == 1 { F::zero() } else { u() };
+        Some(by_power.sample(u))
     }
 
     /// The probability with which [`LightSampler::source`] chooses this emitter.
-    pub fn source_probability(&self, emitter: u32) -> f32 {
-        self.by_power.as_ref().map_or(0.0, |by_power| by_power.probability::<f32>(Index1(emitter)))
+    #[inline(always)]
+    pub fn source_probability<F: Real>(&self, emitter: F::Index) -> F {
+        self.by_power.as_ref().map_or(F::zero(), |by_power| by_power.probability(emitter))
     }
 
     /// Bytes of a tree.
