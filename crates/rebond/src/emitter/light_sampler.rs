@@ -18,8 +18,8 @@ pub enum LightChoice {
     Tree,
 }
 
-/// Emitters with a place from which on a hierarchy is used, if nothing else is asked for. Five already gain much (`benches/many_lights`).
-const TREE_FROM: usize = 4;
+/// Emitters with a place from which on where they are counts, if nothing else is asked for. Two already gain much.
+const TREE_FROM: usize = 2;
 
 /// A choice among the emitters.
 #[derive(Clone, Debug, Default)]
