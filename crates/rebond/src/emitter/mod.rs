@@ -6,6 +6,7 @@
 mod blur;
 mod emission;
 mod environment;
+mod light_list;
 mod light_sampler;
 mod light_tree;
 
