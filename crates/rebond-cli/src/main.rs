@@ -13,6 +13,7 @@ mod output;
 mod page;
 mod plot;
 mod progress;
+mod pyramid;
 mod radiosity;
 mod render;
 

@@ -10,6 +10,8 @@ mod page;
 mod path_tracing;
 mod workshop;
 
+pub use workshop::png;
+
 use crate::Failure;
 use crate::output::{answer, make_folder, note, write_bytes, write_text};
 use crate::progress::catch_interrupt;

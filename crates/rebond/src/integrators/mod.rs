@@ -138,18 +138,6 @@ fn check_ending(
     Ok(())
 }
 
-/// Whether walks from the lights know all that the scene has.
-fn check_light_walks(scene: &Scene) -> Result<(), IntegratorError> {
-    let error = |message: &str| Err(IntegratorError { message: message.into(), help: "use path".into() });
-    if scene.emitters().has_moving() {
-        return error("paths from lights that move are not drawn yet");
-    }
-    if scene.camera().has_near_clip() {
-        return error("light does not know what a near_clip leaves out");
-    }
-    Ok(())
-}
-
 impl IntegratorSettings {
     /// Its name.
     pub fn name(&self) -> &'static str {
@@ -280,9 +268,9 @@ impl IntegratorSettings {
                 }
             },
             Self::Recursive(settings) => Box::new(recursive::Recursive::new(*settings, scene, sampler)?),
-            Self::Light(settings) => Box::new(light::Light::new(settings, scene, sampler, classes)?),
+            Self::Light(settings) => Box::new(light::Light::new(settings, scene, sampler, engine, classes)?),
             Self::Bidirectional(settings) => {
-                Box::new(bidirectional::Bidirectional::new(settings, scene, sampler, classes)?)
+                Box::new(bidirectional::Bidirectional::new(settings, scene, sampler, engine, classes)?)
             }
             Self::Radiosity(settings) => {
                 Box::new(radiosity::Radiosity::new((**settings).clone(), scene, sampler, engine)?)

@@ -13,7 +13,7 @@ pub use adaptive::Share;
 pub use budget::{Budget, RenderStatistics, render};
 pub use path_classes::{PathClasses, PathExpression, PathLayer};
 pub use path_state::{Bounce, Dimensions, PathState, Shade, ShadowRay};
-pub(crate) use tiles::{Sample, TILE, Tiles};
+pub(crate) use tiles::{Samples, TILE, Tiles};
 
 use crate::film::Film;
 use crate::sampling::Sampler;

@@ -1,5 +1,6 @@
 //! What the algorithms share.
 
+mod connections;
 pub mod estimator;
 mod eye;
 pub mod form_factor;
@@ -8,10 +9,11 @@ mod roulette;
 mod sheets;
 pub mod sub_path;
 
+pub use connections::Connection;
 pub use eye::{Seen, see, see_source};
 pub use roulette::Roulette;
-pub use sheets::Sheets;
-pub use sub_path::{Heuristic, SubPath, Vertex};
+pub use sheets::{Place, Sheets};
+pub use sub_path::{Heuristic, Source, SubPath, Vertex};
 
 use rebond_lanes::Real;
 
