@@ -2,7 +2,7 @@
 //!
 //! | emitter | position | direction |
 //! |---|---|---|
-//! | surfaces | uniform by area, 1/A | cosθ/π to the side of the normal |
+//! | surfaces | uniform by area, 1/A; on a sphere mostly from its cap, if it has one | cosθ/π to the side of the normal |
 //! | point | – | uniform over the sphere, 1/4π |
 //! | spot | – | uniform over its cone |
 //! | directional | uniform over a disk across the beam, as large as the scene, 1/πR² | – |
@@ -10,7 +10,7 @@
 //!
 //! What starts infinitely far starts from the disk that touches the sphere around the scene.
 
-use super::{Emitters, KINDS, Kind, POINT_ERROR};
+use super::{Emitters, KINDS, Kind, POINT_ERROR, point_of_sphere};
 use crate::math::{Frame, Rgb, Vec3, offset_from_surface};
 use crate::sampling::warp::{
     cosine_hemisphere, cosine_hemisphere_pdf, uniform_cone, uniform_cone_pdf, uniform_disk, uniform_sphere,
@@ -152,16 +152,6 @@ impl Emitters {
         PdfArea(F::splat(1.0 / (PI * self.sphere.1 * self.sphere.1)))
     }
 
-    /// Density per area of points of a surface of this kind.
-    #[inline(always)]
-    fn density<F: Real>(&self, kind: Kind, emitter: F::Index, time: F) -> F {
-        match kind {
-            _ if !self.has_moving() => self.record::<F>(emitter, 1)[3],
-            Kind::Sphere => self.ball(emitter, time).3,
-            _ => self.flat(emitter, time).density,
-        }
-    }
-
     /// A ray from an emitter at a time, by four numbers in [0, 1).
     #[inline(never)]
     pub fn emit<F: Real>(
@@ -188,8 +178,12 @@ impl Emitters {
                 Kind::Disk => flat(uniform_disk(position)),
                 Kind::Sphere => {
                     let (center, radius, sign, density) = self.ball(emitter, time);
-                    let (n, error) = (uniform_sphere(position), (center.max_abs() + radius) * POINT_ERROR);
-                    Emission::of_surface(n.mul_add(radius, center), error, n * sign, value, density, direction)
+                    let cap = self.cap(emitter, radius, sign.gt(F::zero()));
+                    let (by_cap, position) = cap.way(position);
+                    let n = Vec3::select(by_cap, cap.normal(position), uniform_sphere(position));
+                    let (o, n, error) = point_of_sphere(center, radius, n);
+                    let density = cap.mixed(cap.density().0, density, n);
+                    Emission::of_surface(o, error, n * sign, value, density, direction)
                 }
                 Kind::Point => {
                     let d = uniform_sphere(direction);
@@ -243,8 +237,14 @@ impl Emitters {
         let mut pdf = EmissionPdf::new(F::one(), F::zero());
         self.each_kind::<F>(emitter, mask, |kind, lanes| {
             let of_kind = match kind {
-                Kind::Triangle | Kind::Parallelogram | Kind::Disk | Kind::Sphere => {
-                    EmissionPdf::new(self.density(kind, emitter, time), normal.dot(d).relu() * (1.0 / PI))
+                Kind::Triangle | Kind::Parallelogram | Kind::Disk => {
+                    EmissionPdf::new(self.flat(emitter, time).density, normal.dot(d).relu() * (1.0 / PI))
+                }
+                Kind::Sphere => {
+                    let (_, radius, sign, density) = self.ball(emitter, time);
+                    let cap = self.cap(emitter, radius, sign.gt(F::zero()));
+                    let density = cap.mixed(cap.density().0, density, normal);
+                    EmissionPdf::new(density, normal.dot(d).relu() * (1.0 / PI))
                 }
                 Kind::Point => EmissionPdf { position: PdfArea(F::one()), direction: uniform_sphere_pdf() },
                 Kind::Spot => {
@@ -379,6 +379,32 @@ mod tests {
             };
             chi2_square("sphere", on_sphere, |_| 1.0);
         }
+    }
+
+    /// From a sphere with a cap: χ² of positions, and power.
+    #[test]
+    fn caps_shine_more_often_and_no_more() {
+        let radius = 0.6;
+        let sphere = Emitter::Sphere { center: V::new(0.2, 0.1, -0.3), radius, inwards: false, radiance: RADIANCE };
+        let power = sphere.power(RADIUS)[1];
+        let mut table = Emitters::new(&[sphere], vec![]).around([0.0; 3], RADIUS);
+        // To the 8th of the test's 40 rows.
+        let edge = (0.2 * PI).cos();
+        table.set_cap(0, Vec3::splat([0.0, 0.0, 1.0]), 1.0 - edge);
+        let drawn = |u: [f32; 2]| emit(&table, 0, u, [0.4, 0.3]);
+        let mut weights = Vec::new();
+        for u in seeded_pairs(40_000, 1) {
+            let e = drawn(u);
+            let again = table.emission_pdf(Index1(0), 0.0, e.normal, e.d, true);
+            assert_eq!(again.position.0, e.pdf.position.0);
+            weights.push(f64::from(e.weight.g));
+        }
+        let p = t_test_p_value(&weights, power);
+        assert!(p > SIGNIFICANCE, "p {p}");
+        let pdf = |n: Vec3<f32>| table.emission_pdf(Index1(0), 0.0, n, n, true).position.0 * radius * radius;
+        chi2_directions("sphere with a cap", |u| Some(drawn(u).normal), pdf);
+        let often = seeded_pairs(10_000, 2).filter(|u| drawn(*u).normal.z > edge).count();
+        assert!(often > 7_500, "{often}");
     }
 
     /// The mean weight is the emitter's power; that of surfaces, points and beams does not vary.

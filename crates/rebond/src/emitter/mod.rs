@@ -386,6 +386,16 @@ struct Flat<F: Real> {
 /// Error bound of a point with coordinates of this size.
 pub(crate) const POINT_ERROR: f32 = 16.0 * f32::EPSILON / 2.0;
 
+/// The point of a sphere where its normal is about `n`, that normal, and the point's error bound. With the length of the normal
+/// put right and one rounding of the sum, a large sphere's point is as good as its own coordinates: what is off by more
+/// would shine from behind a wall that the sphere is sunk into.
+#[inline(always)]
+fn point_of_sphere<F: Real>(center: Vec3<F>, radius: F, n: Vec3<F>) -> (Vec3<F>, Vec3<F>, F) {
+    let n = n * (n.length_squared().mul_add(F::splat(-0.5), F::splat(1.5)));
+    let p = n.mul_add(radius, center);
+    (p, n, p.max_abs() * POINT_ERROR + radius * (2.0 * f32::EPSILON))
+}
+
 impl Emitters {
     /// A table of these emitters and surroundings.
     pub fn new(emitters: &[Emitter], environments: Vec<Environment>) -> Self {
@@ -438,7 +448,7 @@ impl Emitters {
 
     /// Says that little of a sphere that rests is ever met but a cap of it, around the unit vector `axis`, of this 1 − cosine of
     /// its half-angle. From outside, most samples then are points of the cap, uniformly by area, and the others directions of
-    /// the sphere's cone; their density is the mixture's.
+    /// the sphere's cone; their density is the mixture's. Most of the light that leaves it starts from there too.
     pub fn set_cap(&mut self, emitter: u32, axis: Vec3<f32>, one_minus_cos: f32) {
         debug_assert!(self.is_sphere(emitter));
         let [x, y, z] = axis.array();
@@ -660,15 +670,11 @@ impl Emitters {
         u: [F; 2],
     ) -> EmitterSample<F> {
         let (center, radius, sign, density) = self.ball(emitter, time);
-        let error = (center.max_abs() + radius) * POINT_ERROR;
         let to_center = center - p;
         let cone = SphereCone::new(to_center, radius);
 
-        // Which of its two ways, if it has a cap; what is left of the number serves that way.
         let cap = self.cap(emitter, radius, cone.well_outside(radius));
-        let by_cap = cap.used & u[0].lt(F::splat(CAP_SHARE));
-        let rest = F::select(by_cap, u[0] * CAP_SHARE.recip(), (u[0] - CAP_SHARE) * (1.0 - CAP_SHARE).recip());
-        let u = [F::select(cap.used, rest.min(F::splat(1.0 - f32::EPSILON / 2.0)), u[0]), u[1]];
+        let (by_cap, u) = cap.way(u);
 
         let w = uniform_cone(u, cone.one_minus_cos);
         let wi = Frame::around(to_center * cone.distance.recip()).to_world(w);
@@ -676,11 +682,11 @@ impl Emitters {
         let product = (cone.distance - radius) * (cone.distance + radius);
         let middle = cone.distance * w.z;
         let reach = product / (middle + (middle * middle - product).safe_sqrt());
-        let n = (wi * reach - to_center).normalized();
+        let (point, n, error) = point_of_sphere(center, radius, (wi * reach - to_center).normalized());
         let pdf = uniform_cone_pdf(cone.one_minus_cos);
         let mut outside = EmitterSample {
             wi,
-            point: center + n * radius,
+            point,
             error,
             normal: n * sign,
             weight: (radiance * pdf.0.recip()).masked(sign.gt(F::zero())),
@@ -688,9 +694,8 @@ impl Emitters {
             infinite: F::Mask::splat(false),
         };
         if cap.used.any() {
-            let on_cap = Frame::around(cap.axis).to_world(uniform_cone(u, cap.one_minus_cos));
-            let from_cap =
-                Self::from_surface_point(p, center + on_cap * radius, on_cap, error, radiance, cap.density());
+            let (point, n, error) = point_of_sphere(center, radius, cap.normal(u));
+            let from_cap = Self::from_surface_point(p, point, n, error, radiance, cap.density());
             outside = EmitterSample::select(by_cap, from_cap, outside);
             let lit = outside.weight.is_lit();
             let both = cap.mixture(pdf, outside.point - p, outside.normal);
@@ -700,8 +705,8 @@ impl Emitters {
         if cone.outside.all() {
             return outside;
         }
-        let n = uniform_sphere(u);
-        let inside = Self::from_surface_point(p, center + n * radius, n * sign, error, radiance, PdfArea(density));
+        let (point, n, error) = point_of_sphere(center, radius, uniform_sphere(u));
+        let inside = Self::from_surface_point(p, point, n * sign, error, radiance, PdfArea(density));
         EmitterSample::select(cone.outside, outside, inside)
     }
 
@@ -897,14 +902,33 @@ impl<F: Real> Cap<F> {
         PdfArea((self.radius * self.radius * self.one_minus_cos * (2.0 * PI)).recip())
     }
 
-    /// The density of both ways to draw a point that is seen along `to` and has the normal `n`, given that of the other.
+    /// Which of the two ways to draw a point, and what is left of the numbers for that.
     #[inline(always)]
-    fn mixture(&self, other: PdfSolidAngle<F>, to: Vec3<F>, n: Vec3<F>) -> PdfSolidAngle<F> {
+    fn way(&self, u: [F; 2]) -> (F::Mask, [F; 2]) {
+        let by_cap = self.used & u[0].lt(F::splat(CAP_SHARE));
+        let rest = F::select(by_cap, u[0] * CAP_SHARE.recip(), (u[0] - CAP_SHARE) * (1.0 - CAP_SHARE).recip());
+        (by_cap, [F::select(self.used, rest.min(F::splat(1.0 - f32::EPSILON / 2.0)), u[0]), u[1]])
+    }
+
+    /// The normal at a point of the cap.
+    #[inline(always)]
+    fn normal(&self, u: [F; 2]) -> Vec3<F> {
+        Frame::around(self.axis).to_world(uniform_cone(u, self.one_minus_cos))
+    }
+
+    /// The density of both ways at the normal `n`, given that of either.
+    #[inline(always)]
+    fn mixed(&self, by_cap: F, other: F, n: Vec3<F>) -> F {
         // |n − a|² = 2 (1 − cos), without cancellation.
         let inside = ((n - self.axis).length_squared() * 0.5).le(self.one_minus_cos);
-        let by_cap = F::select(inside, self.density().to_solid_angle(to, n).0, F::zero());
-        let both = by_cap * CAP_SHARE + other.0 * (1.0 - CAP_SHARE);
-        PdfSolidAngle(F::select(self.used, both, other.0))
+        let both = F::select(inside, by_cap, F::zero()) * CAP_SHARE + other * (1.0 - CAP_SHARE);
+        F::select(self.used, both, other)
+    }
+
+    /// The same of a point that is seen along `to`.
+    #[inline(always)]
+    fn mixture(&self, other: PdfSolidAngle<F>, to: Vec3<F>, n: Vec3<F>) -> PdfSolidAngle<F> {
+        PdfSolidAngle(self.mixed(self.density().to_solid_angle(to, n).0, other.0, n))
     }
 }
 

@@ -187,7 +187,7 @@ fn points_and_beams_have_no_density_and_the_right_irradiance() {
 fn the_choice_follows_power() {
     let emitters =
         [rectangle(1.0), Emitter::Point { position: V::ONE, intensity: [0.0; 3] }, sphere(V::ONE, 0.5, false)];
-    let choice = LightSampler::new(&emitters, 1.0, None).expect("finite powers");
+    let choice = LightSampler::new(&emitters, 1.0, Some(LightChoice::Power)).expect("finite powers");
     let p: Vec<f32> = (0..3).map(|i| choice.probability::<f32>(Vec3::zero(), Vec3::zero(), Index1(i), true)).collect();
     assert!((p[0] / p[2] - 4.0 / PI).abs() < 1e-5 && p[1] == 0.0);
     assert!(
