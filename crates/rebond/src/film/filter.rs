@@ -2,7 +2,7 @@
 //!
 //! All are separable. A filter with negative lobes is drawn from |f| and gives some samples a negative weight.
 
-use rebond_lanes::{Real, Record};
+use rebond_lanes::{Index, Mask, Real, Record};
 use serde::{Deserialize, Serialize};
 
 /// Which filter.
@@ -113,14 +113,14 @@ pub struct Filter {
     /// Whether offsets are simply uniform.
     uniform: Option<f32>,
     settings: FilterSettings,
-    /// The filter's values at even distances from 0 to its radius, its integral being 1.
-    values: Vec<f32>,
+    /// The filter's values at even distances from 0 to its radius, its integral being 1, and how far it is to the next.
+    values: Vec<Record>,
     /// Of those, how many to a pixel.
     per_unit: f32,
 }
 
-/// How many pixels' filters reach a place, along an axis, at most: scenes have no radius beyond 64.
-const MOST_PIXELS: usize = 129;
+/// Pixels along an axis whose values a splat keeps; filters of a radius beyond 4 are looked up twice.
+const KEPT: usize = 8;
 
 /// Intervals of the table of values: linear between them, a filter is off by less than 10⁻⁶.
 const VALUES: usize = 4096;
@@ -176,7 +176,8 @@ impl Filter {
         };
         let inverse = edges.windows(2).enumerate().map(interval).collect();
         let value = |i: usize| settings.eval(radius * i as f64 / VALUES as f64) / (signed * width);
-        let values = (0..=VALUES).map(|i| value(i) as f32).collect();
+        let values =
+            (0..VALUES).map(|i| Record([value(i) as f32, (value(i + 1) - value(i)) as f32, 0.0, 0.0])).collect();
         Self { inverse, uniform: None, settings, values, per_unit: VALUES as f32 / radius as f32 }
     }
 
@@ -206,31 +207,37 @@ impl Filter {
         ([x, y], wx * wy)
     }
 
-    /// The pixel that light at this raster position goes to, one of those whose filters reach it, by two numbers in [0, 1);
+    /// The pixels that light at these raster positions goes to, each one of those whose filters reach it, by two numbers in [0, 1);
     /// and what it counts there. Pixel j gets it with probability |f(r − j)| / Σ|f|, where it counts ±Σ|f|: f(r − j) in the mean,
     /// which is what samples of pixel j bring.
-    pub fn splat(&self, raster: [f32; 2], u: [f32; 2]) -> ([i64; 2], f32) {
+    #[inline(never)]
+    pub fn splat<F: Real>(&self, raster: [F; 2], u: [F; 2]) -> ([F; 2], F) {
         let radius = self.settings.radius();
-        let axis = |r: f32, u: f32| {
+        let pixels = (2.0 * radius).ceil() as usize;
+        let axis = |r: F, u: F| {
             let center = r - 0.5;
-            let (first, end) = ((center - radius).ceil(), (center + radius).ceil());
-            let mut values = [0.0; MOST_PIXELS];
-            let values = &mut values[..((end - first) as usize).min(MOST_PIXELS)];
-            let mut all = 0.0;
-            for (j, value) in values.iter_mut().enumerate() {
-                *value = self.value(center - first - j as f32);
-                all += value.abs();
-            }
-            let mut rest = u * all;
-            let mut chosen = (0, 0.0);
-            for (j, v) in values.iter().enumerate().filter(|(_, v)| **v != 0.0) {
-                chosen = (j, all.copysign(*v));
+            // The lowest of the whole numbers from here to `end`.
+            let first = -(F::splat(radius) - center).floor();
+            let end = center + radius;
+            let look_up = |j: usize| {
+                let at = first + j as f32;
+                F::select(at.lt(end), self.value(center - at), F::zero())
+            };
+            let mut kept = [F::zero(); KEPT];
+            kept.iter_mut().take(pixels).enumerate().for_each(|(j, value)| *value = look_up(j));
+            let value = |j: usize| if j < KEPT { kept[j] } else { look_up(j) };
+            let all = (0..pixels).fold(F::zero(), |sum, j| sum + value(j).abs());
+            let (mut rest, mut chosen, mut share) = (u * all, first, F::zero());
+            let mut open = F::Mask::splat(true);
+            for j in 0..pixels {
+                let v = value(j);
+                let takes = open.and_not(v.eq(F::zero()));
+                chosen = F::select(takes, first + j as f32, chosen);
+                share = F::select(takes, all.copy_sign(v), share);
                 rest -= v.abs();
-                if rest < 0.0 {
-                    break;
-                }
+                open = open.and_not(takes & rest.lt(F::zero()));
             }
-            (first as i64 + chosen.0 as i64, chosen.1)
+            (chosen, share)
         };
         let ((x, wx), (y, wy)) = (axis(raster[0], u[0]), axis(raster[1], u[1]));
         ([x, y], wx * wy)
@@ -238,14 +245,14 @@ impl Filter {
 
     /// The filter at distance x along one axis, its integral being 1.
     #[inline(always)]
-    fn value(&self, x: f32) -> f32 {
+    fn value<F: Real>(&self, x: F) -> F {
         if let Some(radius) = self.uniform {
-            return if x.abs() <= radius { 0.5 / radius } else { 0.0 };
+            return F::select(x.abs().le(F::splat(radius)), F::splat(0.5 / radius), F::zero());
         }
-        let at = x.abs() * self.per_unit;
-        let i = (at as usize).min(VALUES - 1);
-        let [a, b] = [self.values[i], self.values[i + 1]];
-        a + (b - a) * (at - i as f32).min(1.0)
+        let at = (x.abs() * self.per_unit).min(F::splat(VALUES as f32));
+        let i = at.to_index().min(F::Index::splat(VALUES as u32 - 1));
+        let [a, slope, ..] = F::record(&self.values, i);
+        slope.mul_add(at - F::from_index(i), a)
     }
 
     /// How far beyond the picture's edges light may still count, in pixels.
@@ -329,7 +336,7 @@ mod tests {
                 let mut sums = vec![[0.0; 2]; 81];
                 for u in random_pairs(n) {
                     let ([x, y], weight) = filter.splat(raster, u);
-                    let sum = &mut sums[(y * 9 + x) as usize];
+                    let sum = &mut sums[(y * 9.0 + x) as usize];
                     *sum = [sum[0] + f64::from(weight), sum[1] + f64::from(weight).powi(2)];
                 }
                 for (i, [sum, squares]) in sums.into_iter().enumerate() {

@@ -109,7 +109,7 @@ impl Gathered {
         self.paths += splats.paths;
         self.weights += splats.paths * unit;
         self.squared_weights += splats.paths * unit * unit;
-        // In two steps, so that several far pixels are fetched at a time.
+        // In steps, so that several far pixels are fetched at a time.
         let mut received = [Received::default(); 32];
         for some in splats.list.chunks(received.len()) {
             for (received, splat) in received.iter_mut().zip(some) {
@@ -119,6 +119,11 @@ impl Gathered {
                 // It is a layer's as well; it is one all the same.
                 self.dropped += u64::from(!good && splat.sheet == 0);
             }
+            let fetched = some.iter().fold(0, |fetched, splat| {
+                let pixel = &self.sheet(splat.sheet as usize, pixels)[splat.pixel as usize];
+                fetched ^ pixel.sum[0] ^ pixel.squares[2]
+            });
+            std::hint::black_box(fetched);
             for (received, splat) in received.iter().zip(some) {
                 self.sheet(splat.sheet as usize, pixels)[splat.pixel as usize].merge(received);
             }

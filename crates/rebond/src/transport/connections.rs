@@ -36,11 +36,11 @@ pub(super) struct Arrival {
     pub layer: usize,
     /// How the path was found.
     pub strategy: Option<usize>,
-    /// Raster position, and two numbers to choose a pixel there, of light for any pixel.
-    pub at: ([f32; 2], [f32; 2]),
+    /// Which pixel it is for, if for any.
+    pub pixel: usize,
 }
 
-const COLUMNS: usize = 19;
+const COLUMNS: usize = 16;
 /// Length of a column: compressing sixteen lanes may write past the last ray.
 const STRIDE: usize = 32;
 
@@ -60,19 +60,15 @@ impl Default for Connections {
 impl Connections {
     /// Adds those of the lanes of `mask`. There is room for as many as there are lanes once [`Connections::trace`] has been called.
     #[inline(always)]
-    pub fn add<F: Real>(&mut self, c: &Connection<F>, layer: F::Index, at: Option<([F; 2], [F; 2])>, mask: F::Mask) {
+    pub fn add<F: Real>(&mut self, c: &Connection<F>, layer: F::Index, pixel: F::Index, mask: F::Mask) {
         let lanes = (0..F::LANES).fold(F::Index::splat(0), |v, i| v.with_lane(i, i as u32));
         let strategy = F::Index::splat(c.strategy.map_or(0, |s| s as u32 + 1));
         let ([ox, oy, oz], [dx, dy, dz]) = (c.ray.o, c.ray.d);
-        let words = [lanes, layer, strategy].map(F::from_bits);
-        let numbers = [ox, oy, oz, dx, dy, dz, c.ray.tmax, c.ray.time, c.light.r, c.light.g, c.light.b, c.weight];
-        let mut columns = self.columns.iter_mut();
-        let mut add = |value: F| {
-            value.compress(mask, &mut columns.next().expect("a column per number")[self.waiting..]);
-        };
-        numbers.into_iter().chain(words).for_each(&mut add);
-        if let Some((raster, u)) = at {
-            raster.into_iter().chain(u).for_each(&mut add);
+        let [lanes, layer, strategy, pixel] = [lanes, layer, strategy, pixel].map(F::from_bits);
+        let (tmax, time, Rgb { r, g, b }, w) = (c.ray.tmax, c.ray.time, c.light, c.weight);
+        let numbers: [F; COLUMNS] = [ox, oy, oz, dx, dy, dz, tmax, time, r, g, b, w, lanes, layer, strategy, pixel];
+        for (column, number) in self.columns.iter_mut().zip(numbers) {
+            number.compress(mask, &mut column[self.waiting..]);
         }
         self.waiting += mask.count() as usize;
     }
@@ -96,7 +92,7 @@ impl Connections {
                     weight: at(11, i),
                     layer: word(13),
                     strategy: word(14).checked_sub(1),
-                    at: ([at(15, i), at(16, i)], [at(17, i), at(18, i)]),
+                    pixel: word(15),
                 });
             }
             self.waiting -= n;

@@ -107,33 +107,25 @@ impl<'a, F: Trace> Sheets<'a, F> {
         &mut self,
         state: F::Index,
         strategy: Option<usize>,
-        (raster, u): Place<F>,
+        place: Place<F>,
         light: Rgb<F>,
         weight: F,
         mask: F::Mask,
     ) {
         let layer = self.layer(state);
-        let mask = mask & layer.ne(F::Index::splat(0)) & self.may_be_within(raster);
-        let mut lanes = mask.bits();
+        let (pixel, share, mask) = self.pixels(place, mask & layer.ne(F::Index::splat(0)));
+        let (light, mut lanes) = (light * share, mask.bits());
         while lanes != 0 {
             let lane = lanes.trailing_zeros() as usize % F::LANES;
             lanes &= lanes - 1;
-            let at = |x: [F; 2]| x.map(|x| x.lane(lane));
-            let (light, weight, layer) = (light.lane(lane), weight.lane(lane), layer.lane(lane) as usize);
-            self.splat_one(&Arrival { lane, light, weight, layer, strategy, at: (at(raster), at(u)) });
+            let word = |x: F::Index| x.lane(lane) as usize;
+            let (light, weight) = (light.lane(lane), weight.lane(lane));
+            self.splat_one(&Arrival { lane, light, weight, layer: word(layer), strategy, pixel: word(pixel) });
         }
     }
 
     fn splat_one(&mut self, arrival: &Arrival) {
-        let Arrival { lane, light, weight, layer, strategy, at: (raster, u) } = *arrival;
-        let ([x, y], share) = self.scene.filter().splat(raster, u);
-        let (x, y) = (x - i64::from(self.region.x), y - i64::from(self.region.y));
-        let size = [self.region.width, self.region.height].map(i64::from);
-        if !(0..size[0]).contains(&x) || !(0..size[1]).contains(&y) {
-            return;
-        }
-        let pixel = (y * size[0] + x) as usize;
-        let light = light.map(|x| x * share);
+        let Arrival { lane, light, weight, layer, strategy, pixel } = *arrival;
         let weighed = light.map(|x| x * weight);
         self.splats.add(lane, 0, pixel, weighed);
         if layer <= self.layers() {
@@ -144,6 +136,23 @@ impl<'a, F: Trace> Sheets<'a, F> {
             self.splats.add(lane, weighed_sheet, pixel, weighed);
             self.splats.add(lane, full_sheet, pixel, light);
         }
+    }
+
+    /// The pixels that light at these places goes to, what it counts there, and in which lanes of `mask` they are of the region.
+    #[inline(always)]
+    fn pixels(&self, (raster, u): Place<F>, mask: F::Mask) -> (F::Index, F, F::Mask) {
+        let r = &self.region;
+        let near = mask & self.may_be_within(raster);
+        if near.none() {
+            return (F::Index::splat(0), F::zero(), near);
+        }
+        let ([x, y], share) = self.scene.filter().splat(raster, u);
+        let (x, y) = (x - r.x as f32, y - r.y as f32);
+        let axis = |at: F, size: u32| at.ge(F::zero()) & at.lt(F::splat(size as f32));
+        let within = near & axis(x, r.width) & axis(y, r.height);
+        // Of other lanes it is no number.
+        let (x, y) = (F::select(within, x, F::zero()), F::select(within, y, F::zero()));
+        (y.to_index() * F::Index::splat(r.width) + x.to_index(), share, within)
     }
 
     /// Lanes whose place is near enough to the region for a filter to reach it.
@@ -165,19 +174,19 @@ impl<'a, F: Trace> Sheets<'a, F> {
         let mask = mask & layer.ne(F::Index::splat(0));
         if mask.any() {
             self.rays += u64::from(mask.count());
-            self.to_own.add(c, layer, None, mask);
+            self.to_own.add(c, layer, F::Index::splat(0), mask);
             self.trace_to_own(false);
         }
     }
 
     /// Light for any pixels, if its rays are free.
     #[inline(always)]
-    pub fn connect_to_lens(&mut self, c: &Connection<F>, at: Place<F>, mask: F::Mask) {
+    pub fn connect_to_lens(&mut self, c: &Connection<F>, place: Place<F>, mask: F::Mask) {
         let layer = self.layer(c.state);
-        let mask = mask & layer.ne(F::Index::splat(0)) & self.may_be_within(at.0);
+        let (pixel, share, mask) = self.pixels(place, mask & layer.ne(F::Index::splat(0)));
         if mask.any() {
             self.rays += u64::from(mask.count());
-            self.to_any.add(c, layer, Some(at), mask);
+            self.to_any.add(&Connection { light: c.light * share, ..*c }, layer, pixel, mask);
             self.trace_to_any(false);
         }
     }
