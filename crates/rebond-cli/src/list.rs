@@ -1,6 +1,7 @@
 //! `rebond scenes`, `rebond info`, `rebond integrators`.
 
 use crate::Failure;
+use crate::open::{ImportArguments, open};
 use crate::output::{answer, bytes, note, peak_memory_bytes};
 use clap::Args;
 use rebond::integrators::INTEGRATORS;
@@ -17,8 +18,10 @@ pub struct JsonFlag {
 
 #[derive(Args)]
 pub struct InfoArguments {
-    /// A built-in scene or a .toml file.
+    /// A built-in scene, a .toml file or another program's scene (.xml of Mitsuba, .pbrt, .gltf, .glb).
     scene: String,
+    #[command(flatten)]
+    import: ImportArguments,
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -50,12 +53,14 @@ pub fn integrators(a: &JsonFlag) -> Result<(), Failure> {
 
 pub fn info(a: &InfoArguments) -> Result<(), Failure> {
     let start = Instant::now();
-    let source = SceneSource::open(&a.scene)?;
+    let source = open(&a.scene, &a.import, a.json)?;
     let scene = source.build()?;
     let seconds = start.elapsed().as_secs_f64();
     let (s, (lo, hi)) = (scene.statistics(), scene.bounds());
     let film = &source.description.film;
     if a.json {
+        let of_import = source.warnings.iter().map(|w| w.to_string());
+        let all_warnings: Vec<String> = of_import.chain(s.warnings.iter().cloned()).collect();
         return answer(
             &json!({
                 "scene": source.name,
@@ -73,7 +78,7 @@ pub fn info(a: &InfoArguments) -> Result<(), Failure> {
                 "peak_memory_bytes": peak_memory_bytes(),
                 "accelerator_seconds": s.accelerator_seconds,
                 "load_and_build_seconds": seconds,
-                "warnings": s.warnings,
+                "warnings": all_warnings,
             })
             .to_string(),
         );

@@ -9,6 +9,7 @@ mod judge;
 mod lecture;
 mod list;
 mod lobe_plot;
+mod open;
 mod output;
 mod page;
 mod plot;
@@ -51,6 +52,8 @@ enum Command {
     Scenes(list::JsonFlag),
     /// Say what a scene is made of.
     Info(list::InfoArguments),
+    /// Write a scene as TOML, with its meshes and images beside it.
+    Convert(open::ConvertArguments),
     /// List the integrators and their settings.
     Integrators(list::JsonFlag),
 }
@@ -91,6 +94,7 @@ fn main() -> ExitCode {
         Ok(Command::Lecture(a)) => lecture::run(&a),
         Ok(Command::Scenes(a)) => list::scenes(&a),
         Ok(Command::Info(a)) => list::info(&a),
+        Ok(Command::Convert(a)) => open::run(&a),
         Ok(Command::Integrators(a)) => list::integrators(&a),
         Err(e) if e.use_stderr() => e.exit(),
         // What was asked for is the help, or the version.

@@ -28,8 +28,10 @@ pub fn note(text: &str) {
 pub fn check(paths: &[PathBuf]) -> Result<(), Failure> {
     for path in paths {
         let name = path.to_string_lossy();
-        if ImageFormat::of_name(&name)? == ImageFormat::Jpeg {
-            let error = rebond_io::Error::new("JPEG is only read, never written").with_file(name);
+        let format = ImageFormat::of_name(&name)?;
+        if matches!(format, ImageFormat::Jpeg | ImageFormat::Tga) {
+            let message = format!("{} is only read, never written", format.name());
+            let error = rebond_io::Error::new(message).with_file(name);
             return Err(error.with_help("valid extensions: exr, hdr, pfm, png").into());
         }
         check_place(path)?;

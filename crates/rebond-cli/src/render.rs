@@ -1,6 +1,7 @@
 //! `rebond render`.
 
 use crate::Failure;
+use crate::open::{ImportArguments, open};
 use crate::output::{answer, check, check_place, layer_outputs, note, peak_memory_bytes, write, write_text};
 use crate::progress::{Progress, catch_interrupt};
 use crate::pyramid;
@@ -10,7 +11,7 @@ use rebond::film::{Film, Image};
 use rebond::integrators::IntegratorSettings;
 use rebond::render::{Budget, Engine, PathExpression, PathLayer, Region, render};
 use rebond::sampling::{Sampler, SamplerSettings};
-use rebond_io::{Error, PngOptions, SceneFiles, SceneSource, Tonemap, from_settings};
+use rebond_io::{Error, PngOptions, SceneFiles, Tonemap, from_settings};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -19,12 +20,14 @@ pub const DEFAULT_SAMPLES: u32 = 64;
 
 #[derive(Args)]
 pub struct Arguments {
-    /// A built-in scene (see `rebond scenes`) or a .toml file.
+    /// A built-in scene (see `rebond scenes`), a .toml file or another program's scene (.xml of Mitsuba, .pbrt, .gltf, .glb).
     scene: String,
+    #[command(flatten)]
+    import: ImportArguments,
     /// Integrator and settings, such as `path` or `path:max_depth=8`; the scene's own if not given.
     #[arg(short, long)]
     integrator: Option<String>,
-    /// Samples per pixel [default: 64, unless --time or --error is given].
+    /// Samples per pixel [default: the scene's if it names them, else 64, unless --time or --error is given].
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     spp: Option<u32>,
     /// Time to render, such as 30s, 500ms, 2m.
@@ -190,7 +193,7 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
     let start = Instant::now();
     let integrator: Option<IntegratorSettings> =
         a.integrator.as_deref().map(|i| from_settings(i).map(|(s, _)| s)).transpose()?;
-    let mut source = SceneSource::open(&a.scene)?;
+    let mut source = open(&a.scene, &a.import, a.quiet)?;
     let description = &mut source.description;
     if let Some([w, h]) = a.size {
         (description.film.width, description.film.height) = (w, h);
@@ -247,7 +250,7 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
     let adaptive = a.adaptive || a.error.is_some() && settings.is_adaptable();
     let mut budget = Budget { samples: a.spp, time: a.time, error: a.error, adaptive };
     if (a.spp, a.time, a.error) == (None, None, None) {
-        budget.samples = Some(DEFAULT_SAMPLES);
+        budget.samples = Some(source.samples.unwrap_or(DEFAULT_SAMPLES));
     }
     let threads = a.threads.map_or_else(|| std::thread::available_parallelism().map_or(1, |n| n.get()), usize::from);
     let load_seconds = start.elapsed().as_secs_f64();
@@ -264,7 +267,7 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
     }
 
     catch_interrupt();
-    let sampler = sampler(&source, a.spp);
+    let sampler = sampler(&source, budget.samples);
     let engine = match a.engine {
         EngineName::Wavefront => Engine::Wavefront,
         EngineName::Scalar => Engine::Scalar,

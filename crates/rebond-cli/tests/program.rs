@@ -658,3 +658,41 @@ fn sections_of_the_lecture_are_chosen_by_name() {
     let output = run(&folder, &["lecture", "--only", "monte-carlo", "-o", "c/index.html"]);
     assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
 }
+
+const OF_MITSUBA: &str = r#"<scene version="3.0.0">
+<integrator type="path"/>
+<sensor type="perspective">
+<transform name="to_world"><lookat origin="0, 0, 5" target="0, 0, 0" up="0, 1, 0"/></transform>
+<sampler type="independent"><integer name="sample_count" value="3"/></sampler>
+<film type="hdrfilm"><integer name="width" value="8"/><integer name="height" value="6"/></film>
+</sensor>
+<emitter type="constant"/>
+<shape type="sphere">
+<bsdf type="roughconductor"/>
+</shape>
+</scene>"#;
+
+#[test]
+fn scenes_of_other_programs_are_opened_and_converted() {
+    let folder = temporary();
+    std::fs::write(folder.path().join("theirs.xml"), OF_MITSUBA).expect("a file");
+    for arguments in [&["info", "theirs.xml"][..], &["render", "theirs.xml"], &["convert", "theirs.xml", "mine.toml"]] {
+        let refused = run(&folder, arguments);
+        let error = text(&refused.stderr);
+        assert_eq!((refused.status.code(), text(&refused.stdout)), (Some(2), String::new()), "{error}");
+        assert!(
+            error.contains("--> theirs.xml:10:1") && error.contains("Beckmann") && error.contains("--lenient"),
+            "{error}"
+        );
+    }
+    let rendered = run(&folder, &["render", "theirs.xml", "--lenient", "-o", "a.exr"]);
+    assert!(rendered.status.success());
+    assert!(text(&rendered.stderr).starts_with("warning: theirs.xml:10:1: the roughconductor is of Beckmann's"));
+    let samples = &image(&folder, "a.exr").layer("samples").expect("samples").channels[0].data.clone();
+    assert!(samples.iter().all(|n| *n == 3.0), "as many as the file asks for");
+    assert_eq!(answer(&folder, &["convert", "theirs.xml", "mine.toml", "--lenient", "--quiet"]), "mine.toml\n");
+    answer(&folder, &["render", "mine.toml", "--spp", "3", "-o", "b.exr"]);
+    assert_eq!(image(&folder, "a.exr"), image(&folder, "b.exr"));
+    let wrong = run(&folder, &["convert", "mine.toml", "mine.xml"]);
+    assert!(wrong.status.code() == Some(2) && text(&wrong.stderr).contains("ends in .toml"));
+}

@@ -215,7 +215,7 @@ fn strip_key<'p>(path: &'p str, key: &str) -> Option<&'p str> {
     (after.is_empty() || after.starts_with(['.', '['])).then_some(after)
 }
 
-fn place_of(text: &str, span: Span) -> Place {
+pub(crate) fn place_of(text: &str, span: Span) -> Place {
     let start = text.floor_char_boundary(span.start.min(text.len()));
     let line_start = text[..start].rfind('\n').map_or(0, |i| i + 1);
     let line_end = text[start..].find('\n').map_or(text.len(), |i| start + i);

@@ -1,8 +1,12 @@
-//! Scene files: TOML to a [`Scene`], with every error at its place in the file.
+//! Scene files: TOML, or what another program wrote, to a [`Scene`], with every error at its place in the file.
 
 use crate::document::Document;
 use crate::error::{Error, Place};
-use crate::{from_toml, read_image, read_image_raw, read_measured, read_obj, read_ply, read_solution};
+use crate::gltf::read_gltf;
+use crate::import::{Assets, ImportOptions, Imported, Places};
+use crate::mitsuba::read_mitsuba;
+use crate::pbrt::read_pbrt;
+use crate::{from_toml, read_image, read_image_raw, read_measured, read_obj, read_ply, read_solution, write_ply};
 use rebond::bsdf::check::Material;
 use rebond::bsdf::measured::Measured;
 use rebond::film::Image;
@@ -13,6 +17,7 @@ use rebond::shape::MeshData;
 use rebond::texture::Encoding;
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// A scene that is part of the program.
 #[derive(Clone, Copy, Debug)]
@@ -72,16 +77,18 @@ const BUILT_IN_FILES: &[(&str, &[u8])] = &[
 ];
 
 /// Where the files of a scene are.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum SceneFiles {
     /// In this folder, and wherever absolute paths lead.
     Folder(PathBuf),
+    /// Of an imported scene.
+    Imported(Arc<Assets>),
     /// Part of the program.
     BuiltIn,
 }
 
 impl SceneFiles {
-    fn read(&self, file: &str) -> Result<Vec<u8>, String> {
+    pub(crate) fn read(&self, file: &str) -> Result<Vec<u8>, String> {
         match self {
             Self::BuiltIn => {
                 let found = BUILT_IN_FILES.iter().find(|(name, _)| *name == file);
@@ -91,17 +98,31 @@ impl SceneFiles {
                 let path = folder.join(file);
                 std::fs::read(&path).map_err(|e| format!("cannot read \"{}\": {e}", path.display()))
             }
+            Self::Imported(assets) => assets.read(file),
         }
     }
 }
 
 impl SceneFiles {
-    /// Whether there is a file of this name.
-    fn has(&self, file: &str) -> bool {
+    /// Tells a digest what a name stands for, if there is a file of that name, or an importer made one.
+    fn digest(&self, name: &str, digest: &mut Sha256) -> Result<(), String> {
+        let mut update = |bytes: &[u8]| {
+            digest.update(bytes.len().to_le_bytes());
+            digest.update(bytes);
+        };
         match self {
-            Self::BuiltIn => BUILT_IN_FILES.iter().any(|(name, _)| *name == file),
-            Self::Folder(folder) => folder.join(file).is_file(),
+            Self::Imported(assets) if assets.meshes.contains_key(name) => update(&write_ply(&assets.meshes[name])),
+            Self::Imported(assets) if assets.images.contains_key(name) => {
+                for channel in assets.images[name].layers.iter().flat_map(|layer| &layer.channels) {
+                    update(&channel.data.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>());
+                }
+            }
+            Self::BuiltIn if !BUILT_IN_FILES.iter().any(|(known, _)| *known == name) => {}
+            Self::Folder(folder) if !folder.join(name).is_file() => {}
+            Self::Imported(assets) if !assets.folder().join(name).is_file() => {}
+            _ => update(&self.read(name)?),
         }
+        Ok(())
     }
 
     /// The solution of radiosity in a file, for the scene that it is of; or what is wrong with it.
@@ -112,6 +133,11 @@ impl SceneFiles {
 
 impl Resources for SceneFiles {
     fn mesh(&self, file: &str, source: MeshSource) -> Result<MeshData, String> {
+        if let Self::Imported(assets) = self
+            && let Some(mesh) = assets.meshes.get(file)
+        {
+            return Ok(MeshData::clone(mesh));
+        }
         let bytes = self.read(file)?;
         let mesh = match source {
             MeshSource::Obj => read_obj(&bytes, file),
@@ -121,6 +147,11 @@ impl Resources for SceneFiles {
     }
 
     fn image(&self, file: &str, encoding: Encoding) -> Result<Image, String> {
+        if let Self::Imported(assets) = self
+            && let Some(image) = assets.images.get(file)
+        {
+            return Ok(Image::clone(image));
+        }
         let bytes = self.read(file)?;
         let image = match encoding {
             Encoding::Auto => read_image(&bytes, file),
@@ -134,31 +165,50 @@ impl Resources for SceneFiles {
     }
 }
 
-/// A scene as it was read: its description, and the text it came from.
+/// A scene as it was read: its description, and where that came from.
 #[derive(Clone, Debug)]
 pub struct SceneSource {
     /// What the text says. May be changed before it is built.
     pub description: SceneDescription,
     /// Short name: the built-in scene's, or the file's without its extension.
     pub name: String,
-    document: Document,
+    /// What of another program's scene was left out, or is only nearly the same.
+    pub warnings: Vec<Error>,
+    /// Samples per pixel that the file asks for, if it does.
+    pub samples: Option<u32>,
+    origin: Origin,
     files: SceneFiles,
 }
 
+/// Where the parts of a description came from.
+#[derive(Clone, Debug)]
+enum Origin {
+    Document(Box<Document>),
+    Places(Places),
+}
+
+/// What scene files end in.
+const EXTENSIONS: &str = ".toml, or .xml (Mitsuba 3), .pbrt (pbrt-v4), .gltf and .glb";
+
 impl SceneSource {
-    /// Reads a built-in scene by name, or a file by path.
+    /// Reads a built-in scene by name, or a file by path; another program's strictly.
     pub fn open(scene: &str) -> Result<Self, Error> {
+        Self::open_with(scene, ImportOptions::default())
+    }
+
+    /// Reads a built-in scene by name, or a file by path. Its format is known by its extension.
+    pub fn open_with(scene: &str, options: ImportOptions) -> Result<Self, Error> {
         if let Some(b) = BUILT_IN_SCENES.iter().find(|b| b.name == scene) {
             return Self::parse(b.text, &format!("{scene}.toml (built in)"), scene, SceneFiles::BuiltIn);
         }
         let path = Path::new(scene);
         let names: Vec<&str> = BUILT_IN_SCENES.iter().map(|b| b.name).collect();
-        match path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()) {
-            Some(e) if e == "toml" => {}
+        let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+        match extension.as_deref() {
+            Some("toml" | "xml" | "pbrt" | "gltf" | "glb") => {}
             Some(_) if path.exists() => {
-                return Err(
-                    Error::new(format!("cannot tell the format of \"{scene}\"")).with_help("scene files end in .toml")
-                );
+                let error = Error::new(format!("cannot tell the format of \"{scene}\""));
+                return Err(error.with_help(format!("scene files end in {EXTENSIONS}")));
             }
             _ => {
                 let help = match crate::deserialize::nearest(scene, &names) {
@@ -171,16 +221,36 @@ impl SceneSource {
             }
         }
         let bytes = std::fs::read(path).map_err(|e| Error::new(format!("cannot read the scene \"{scene}\": {e}")))?;
-        let text = String::from_utf8(bytes).map_err(|e| not_text(e.as_bytes(), e.utf8_error().valid_up_to(), scene))?;
         let folder = path.parent().map_or_else(PathBuf::new, Path::to_path_buf);
         let name = path.file_stem().map_or_else(|| "scene".into(), |s| s.to_string_lossy().into_owned());
-        Self::parse(&text, scene, &name, SceneFiles::Folder(folder))
+        if let Some("gltf" | "glb") = extension.as_deref() {
+            return Ok(Self::imported(read_gltf(&bytes, scene, &folder, options)?, &name));
+        }
+        let text = String::from_utf8(bytes).map_err(|e| not_text(e.as_bytes(), e.utf8_error().valid_up_to(), scene))?;
+        match extension.as_deref() {
+            Some("xml") => Ok(Self::imported(read_mitsuba(&text, scene, &folder, options)?, &name)),
+            Some("pbrt") => Ok(Self::imported(read_pbrt(&text, scene, &folder, options)?, &name)),
+            _ => Self::parse(&text, scene, &name, SceneFiles::Folder(folder)),
+        }
     }
 
     /// Reads a scene from its text; `file` is what errors call it.
     pub fn parse(text: &str, file: &str, name: &str, files: SceneFiles) -> Result<Self, Error> {
         let (description, document) = from_toml(text, file)?;
-        Ok(Self { description, name: name.into(), document, files })
+        let origin = Origin::Document(Box::new(document));
+        Ok(Self { description, name: name.into(), warnings: Vec::new(), samples: None, origin, files })
+    }
+
+    /// Another program's scene.
+    pub fn imported(scene: Imported, name: &str) -> Self {
+        Self {
+            description: scene.description,
+            name: name.into(),
+            warnings: scene.warnings,
+            samples: scene.samples,
+            origin: Origin::Places(scene.places),
+            files: SceneFiles::Imported(Arc::new(scene.files)),
+        }
     }
 
     /// Builds the scene.
@@ -209,11 +279,7 @@ impl SceneSource {
         let mut left = vec![&description];
         while let Some(value) = left.pop() {
             match value {
-                serde_json::Value::String(name) if self.files.has(name) => {
-                    let bytes = self.files.read(name).map_err(Error::new)?;
-                    digest.update(bytes.len().to_le_bytes());
-                    digest.update(bytes);
-                }
+                serde_json::Value::String(name) => self.files.digest(name, &mut digest).map_err(Error::new)?,
                 serde_json::Value::Array(items) => left.extend(items),
                 serde_json::Value::Object(entries) => left.extend(entries.values()),
                 _ => {}
@@ -228,7 +294,11 @@ impl SceneSource {
     }
 
     fn locate(&self, error: BuildError) -> Error {
-        Error { help: error.help, ..self.document.error_at(&error.path, error.message) }
+        let at = match &self.origin {
+            Origin::Document(document) => document.error_at(&error.path, error.message),
+            Origin::Places(places) => places.error_at(&error.path, error.message),
+        };
+        Error { help: error.help, ..at }
     }
 }
 

@@ -7,6 +7,10 @@
 //! | PFM | the picture, 32-bit float, colour or grey | either byte order |
 //! | PNG | the picture, exposed, tone-mapped, 8-bit sRGB | 8 and 16 bits, grey or colour, with or without alpha |
 //! | JPEG | no | grey or colour |
+//! | TGA | no | 8 bits, grey or colour, with or without alpha, packed or not |
+//!
+//! An image unpacks to at most 2²⁶ numbers, or 64 for each byte of its file if that is more: what claims to be larger is refused
+//! before any memory is taken for it.
 
 mod exr;
 mod hdr;
@@ -33,6 +37,8 @@ pub enum ImageFormat {
     Png,
     /// JPEG; read only.
     Jpeg,
+    /// Truevision TGA; read only, and known by its name.
+    Tga,
 }
 
 impl ImageFormat {
@@ -62,6 +68,7 @@ impl ImageFormat {
             Self::Pfm => "PFM",
             Self::Png => "PNG",
             Self::Jpeg => "JPEG",
+            Self::Tga => "TGA",
         }
     }
 }
@@ -77,10 +84,11 @@ impl FromStr for ImageFormat {
             "pfm" => Ok(Self::Pfm),
             "png" => Ok(Self::Png),
             "jpg" | "jpeg" => Ok(Self::Jpeg),
+            "tga" => Ok(Self::Tga),
             "" => Err(Error::new("no image format: the name has no extension")),
             other => Err(Error::new(format!("unknown image format \"{other}\""))),
         }
-        .map_err(|e| e.with_help("valid extensions: exr, hdr, pfm, png (and to read: jpg)"))
+        .map_err(|e| e.with_help("valid extensions: exr, hdr, pfm, png (and to read: jpg, tga)"))
     }
 }
 
@@ -97,12 +105,14 @@ pub fn read_image_raw(bytes: &[u8], name: &str) -> Result<Image, Error> {
 }
 
 fn read(bytes: &[u8], name: &str, raw: bool) -> Result<Image, Error> {
-    let Some(format) = ImageFormat::of_bytes(bytes) else {
+    // A TGA file begins with nothing of its own.
+    let tga = || ImageFormat::of_name(name).ok().filter(|f| *f == ImageFormat::Tga);
+    let Some(format) = ImageFormat::of_bytes(bytes).or_else(tga) else {
         let message = match ImageFormat::of_name(name) {
             Ok(format) => format!("not a {} image, nor any other known one", format.name()),
             Err(_) => "not an image of a known format".to_string(),
         };
-        let error = Error::new(message).with_help("readable are OpenEXR, Radiance HDR, PFM, PNG and JPEG");
+        let error = Error::new(message).with_help("readable are OpenEXR, Radiance HDR, PFM, PNG, JPEG and TGA");
         return Err(error.with_file(name));
     };
     let image = match format {
@@ -111,6 +121,7 @@ fn read(bytes: &[u8], name: &str, raw: bool) -> Result<Image, Error> {
         ImageFormat::Pfm => pfm::read(bytes),
         ImageFormat::Png => standard::read(bytes, ::image::ImageFormat::Png, raw),
         ImageFormat::Jpeg => standard::read(bytes, ::image::ImageFormat::Jpeg, raw),
+        ImageFormat::Tga => standard::read(bytes, ::image::ImageFormat::Tga, raw),
     };
     image.map_err(|problem| Error::new(format!("not a valid {} image: {problem}", format.name())).with_file(name))
 }
@@ -135,7 +146,7 @@ pub fn write_image(image: &Image, format: ImageFormat, options: &PngOptions) -> 
             _ => picture(image).map(|pixels| pfm::write_colour(width, height, &pixels)),
         },
         ImageFormat::Png => picture(image).and_then(|pixels| standard::write_png(width, height, &pixels, options)),
-        ImageFormat::Jpeg => Err("JPEG is only read, never written".to_string()),
+        ImageFormat::Jpeg | ImageFormat::Tga => Err(format!("{} is only read, never written", format.name())),
     };
     written.map_err(|problem| Error::new(format!("cannot write a {} image: {problem}", format.name())))
 }
@@ -145,9 +156,10 @@ fn picture(image: &Image) -> Result<Vec<[f32; 3]>, String> {
     image.rgb("").ok_or_else(|| "there is no layer of colours".to_string())
 }
 
-/// Values per byte beyond which a size is a lie: no format packs more (deflate reaches 1032 bytes per byte, and a
-/// byte may hold eight values).
-const MAX_VALUES_PER_BYTE: usize = 16_384;
+/// Values that any file may unpack to, a picture of 4096² in colour and alpha; and, if more, values per byte of the file. Deflate could
+/// reach thousands of them, but only for a picture that is empty.
+const ALWAYS: usize = 1 << 26;
+const MAX_VALUES_PER_BYTE: usize = 64;
 
 /// Checks a size told by a file's header before any memory is taken for it.
 fn check_size(width: usize, height: usize, channels: usize, bytes: &[u8]) -> Result<usize, String> {
@@ -155,7 +167,7 @@ fn check_size(width: usize, height: usize, channels: usize, bytes: &[u8]) -> Res
         return Err(format!("its size is {width}×{height} pixels"));
     }
     let values = width.checked_mul(height).and_then(|n| n.checked_mul(channels.max(1)));
-    let most = bytes.len().saturating_mul(MAX_VALUES_PER_BYTE).clamp(1 << 16, 1 << 31);
+    let most = bytes.len().saturating_mul(MAX_VALUES_PER_BYTE).clamp(ALWAYS, 1 << 31);
     match values {
         Some(n) if n <= most && width <= 1 << 20 && height <= 1 << 20 => Ok(width * height),
         _ => Err(format!("its size of {width}×{height} pixels is too large for a file of {} bytes", bytes.len())),

@@ -164,3 +164,27 @@ proptest! {
         let _ = read_image(&bytes, "a");
     }
 }
+
+#[test]
+fn tga_is_known_by_its_name() {
+    // Uncompressed, 2×1, 24 bits, from the top left: blue, green, red.
+    let mut bytes = vec![0, 0, 2, 0, 0, 0, 0, 0, 0, 0, 0, 0, 2, 0, 1, 0, 24, 0x20];
+    bytes.extend([0, 0, 255, 255, 128, 0]);
+    let image = read_image_raw(&bytes, "a.tga").expect("an image");
+    assert_eq!(image.rgb("").expect("colours"), [[1.0, 0.0, 0.0], [0.0, 128.0 / 255.0, 1.0]]);
+    assert!(read_image(&bytes, "a").is_err());
+    assert!(write_image(&image, ImageFormat::Tga, &PngOptions::default()).is_err());
+}
+
+#[test]
+fn bombs_do_not_go_off() {
+    // 30000² of nothing in a few bytes: the size is refused, whatever follows.
+    let mut png = b"\x89PNG\r\n\x1a\n\0\0\0\x0dIHDR".to_vec();
+    png.extend(30_000u32.to_be_bytes().iter().chain(&30_000u32.to_be_bytes()).chain(&[8, 2, 0, 0, 0]));
+    let mut crc = flate2::Crc::new();
+    crc.update(&png[12..]);
+    png.extend(crc.sum().to_be_bytes());
+    png.extend(b"\0\0\0\0IDAT\x35\xaf\x06\x1e");
+    let error = read_image(&png, "a.png").unwrap_err().message;
+    assert!(error.contains("30000×30000 pixels is too large"), "{error}");
+}

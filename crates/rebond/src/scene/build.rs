@@ -20,7 +20,7 @@ use crate::emitter::{
 use crate::film::{Filter, FilterSettings, Image, LARGEST_SAMPLE};
 use crate::math::{Frame, Keyframes, Rgb};
 use crate::shape::MeshData;
-use crate::texture::{Encoding, Textures};
+use crate::texture::{Encoding, SAME_UV, Textures};
 use glam::{DAffine3, DVec3, Vec3};
 use rebond_bvh::{Accel, BuildOptions, Disk, Geometry, Instance, Sphere};
 use rebond_lanes::{Record, scalar::Index1};
@@ -419,7 +419,7 @@ impl<'a> Builder<'a> {
 
     /// The number of an image whose values lie within [0, 1].
     fn image_texture(&mut self, path: &str, texture: &ImageTexture, range: &str) -> Result<u32> {
-        let ImageTexture { image: file, encoding, wrap, filter, repeat } = texture;
+        let ImageTexture { image: file, encoding, wrap, filter, repeat, to_uv } = texture;
         let path = format!("{path}.image");
         let (size, texels) = self.image(&path, file, *encoding)?;
         let (mut over, mut negative) = (0, 0);
@@ -434,7 +434,12 @@ impl<'a> Builder<'a> {
         if !repeat.iter().all(|r| r.is_finite()) {
             return Err(BuildError::new(path, "`repeat` is not finite"));
         }
-        Ok(self.textures.add(size, &texels, *wrap, *filter, *repeat))
+        let map = to_uv.unwrap_or(SAME_UV);
+        if !map.as_flattened().iter().all(|x| x.is_finite()) {
+            return Err(BuildError::new(path, "`to_uv` is not finite"));
+        }
+        let map = [0, 1].map(|row| map[row].map(|x| x * repeat[row]));
+        Ok(self.textures.add(size, &texels, *wrap, *filter, map))
     }
 
     fn image(&self, path: &str, file: &str, encoding: Encoding) -> Result<([u32; 2], Vec<[f32; 3]>)> {
@@ -880,8 +885,10 @@ impl<'a> Builder<'a> {
         }
         if file.face_normals {
             mesh.normals = None;
+        } else if file.smooth_normals && mesh.normals.is_none() {
+            mesh.normals = Some(mesh.smooth_normals());
         }
-        Ok(mesh)
+        Ok(flipped(mesh, file.flip_normals))
     }
 
     fn push_shape(&mut self, look: &Look, flags: u32, first_primitive: u32) -> u32 {

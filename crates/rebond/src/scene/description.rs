@@ -9,7 +9,7 @@ use crate::emitter::LightChoice;
 use crate::film::FilterSettings;
 use crate::integrators::IntegratorSettings;
 use crate::sampling::SamplerSettings;
-use crate::texture::{Encoding, TextureFilter, Wrap};
+use crate::texture::{Encoding, TextureFilter, UvMap, Wrap};
 use serde::de::{self, Deserializer, MapAccess, SeqAccess, Visitor, value::MapAccessDeserializer};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -183,6 +183,9 @@ pub struct ImageTexture {
     /// How often it repeats along u and v.
     #[serde(default = "one_by_one")]
     pub repeat: [f32; 2],
+    /// Two rows of a matrix that is applied to (u, v, 1) before all that: turns it, moves it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub to_uv: Option<UvMap>,
 }
 
 fn one_by_one() -> [f32; 2] {
@@ -599,6 +602,12 @@ shape! {
         /// Ignore the file's normals.
         #[serde(default)]
         face_normals: bool,
+        /// If the file has no normals, take at each vertex the mean of its faces', by their angles there.
+        #[serde(default)]
+        smooth_normals: bool,
+        /// Normals, and so emission, point the other way.
+        #[serde(default)]
+        flip_normals: bool,
     }
 }
 shape! {

@@ -1,5 +1,7 @@
 //! Surfaces: indexed triangle meshes. (Spheres, disks and rectangles are exact and live in the scene's tables.)
 
+use glam::Vec3;
+
 /// Triangles over shared vertices. Lists are as long as the positions and indices valid where a reader made it; positions
 /// may still be NaN or infinite, and triangles degenerate.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -43,12 +45,29 @@ impl MeshData {
         }
         mesh
     }
+
+    /// At each vertex the sum of the unit normals of its faces, weighed by their angles there, which does not hang on how a
+    /// polygon is cut into triangles (Thürmer and Wüthrich 1998). Triangles must name vertices that there are.
+    pub fn smooth_normals(&self) -> Vec<[f32; 3]> {
+        let mut sums = vec![Vec3::ZERO; self.positions.len()];
+        for t in &self.triangles {
+            let p = t.map(|i| Vec3::from(self.positions[i as usize]));
+            let normal = (p[1] - p[0]).cross(p[2] - p[0]).normalize_or_zero();
+            for k in 0..3 {
+                let (a, b) = (p[(k + 1) % 3] - p[k], p[(k + 2) % 3] - p[k]);
+                let angle = a.normalize_or_zero().angle_between(b.normalize_or_zero());
+                if angle.is_finite() {
+                    sums[t[k] as usize] += normal * angle;
+                }
+            }
+        }
+        sums.iter().map(|n| n.normalize_or_zero().to_array()).collect()
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::Vec3;
 
     #[test]
     fn faces_point_outwards() {
@@ -59,5 +78,24 @@ mod tests {
                 assert!(n.dot(if mesh.triangles.len() == 2 { Vec3::Z } else { centre }) > 0.5);
             }
         }
+    }
+
+    #[test]
+    fn smooth_normals_do_not_hang_on_diagonals() {
+        // The corner of a cube whose faces are cut this way and that: its normal is the diagonal.
+        let positions = vec![
+            [0.0, 0.0, 0.0],
+            [1.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0],
+            [0.0, 0.0, 1.0],
+            [1.0, 1.0, 0.0],
+            [0.0, 1.0, 1.0],
+            [1.0, 0.0, 1.0],
+        ];
+        let triangles = vec![[0, 1, 4], [0, 4, 2], [0, 2, 3], [2, 5, 3], [0, 3, 1], [3, 6, 1]];
+        let mesh = MeshData { positions, triangles, ..MeshData::default() };
+        let n = Vec3::from(mesh.smooth_normals()[0]);
+        assert!((n - Vec3::splat(3.0_f32.sqrt().recip())).length() < 1e-6, "{n}");
+        assert_eq!(mesh.smooth_normals()[6], [0.0, 1.0, 0.0]);
     }
 }

@@ -23,6 +23,8 @@ pub enum Wrap {
     Repeat,
     /// Its own edge.
     Clamp,
+    /// Repeated, every second one mirrored.
+    Mirror,
 }
 
 /// How a texture is looked up between its texels.
@@ -40,29 +42,33 @@ pub enum TextureFilter {
 #[derive(Clone, Debug, Default)]
 pub struct Textures {
     texels: Vec<Record>,
-    /// Three records a texture: [start, width, height, flags] (words); [repeat u, repeat v, –, –].
+    /// Three records a texture: [start, width, height, flags] (words); the two rows of its map of (u, v, 1).
     table: Vec<Record>,
 }
 
 const CLAMP: u32 = 1;
 const NEAREST: u32 = 2;
-const RECORDS: u32 = 2;
+const MIRROR: u32 = 4;
+const RECORDS: u32 = 3;
+
+/// Where an image is on a surface: the rows of a matrix that takes (u, v, 1) to the image's own (u, v).
+pub type UvMap = [[f32; 3]; 2];
+
+/// The image's own (u, v) are the surface's.
+pub const SAME_UV: UvMap = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
 
 impl Textures {
     /// Adds an image (linear RGB, row by row from the top) and returns its number.
-    pub fn add(
-        &mut self,
-        size: [u32; 2],
-        texels: &[[f32; 3]],
-        wrap: Wrap,
-        filter: TextureFilter,
-        repeat: [f32; 2],
-    ) -> u32 {
+    pub fn add(&mut self, size: [u32; 2], texels: &[[f32; 3]], wrap: Wrap, filter: TextureFilter, map: UvMap) -> u32 {
         let number = self.table.len() as u32 / RECORDS;
-        let flags =
-            if wrap == Wrap::Clamp { CLAMP } else { 0 } | if filter == TextureFilter::Nearest { NEAREST } else { 0 };
+        let wrap = match wrap {
+            Wrap::Repeat => 0,
+            Wrap::Clamp => CLAMP,
+            Wrap::Mirror => CLAMP | MIRROR,
+        };
+        let flags = wrap | if filter == TextureFilter::Nearest { NEAREST } else { 0 };
         self.table.push(Record::words([self.texels.len() as u32, size[0], size[1], flags]));
-        self.table.push(Record([repeat[0], repeat[1], 0.0, 0.0]));
+        self.table.extend(map.map(|[a, b, c]| Record([a, b, c, 0.0])));
         self.texels.extend(texels.iter().map(|t| Record([t[0], t[1], t[2], 0.0])));
         number
     }
@@ -81,17 +87,19 @@ impl Textures {
     pub fn eval<F: Real>(&self, texture: F::Index, uv: [F; 2]) -> crate::math::Rgb<F> {
         let at = texture * F::Index::splat(RECORDS);
         let [start, width, height, flags] = F::record(&self.table, at).map(F::to_bits);
-        let [repeat_u, repeat_v, ..] = F::record(&self.table, at + F::Index::splat(1));
+        let [u, v] = self.map(at, uv);
         let flag = |f: u32| (flags & F::Index::splat(f)).ne(F::Index::splat(0));
-        let (clamp, nearest) = (flag(CLAMP), flag(NEAREST));
+        let (clamp, nearest, mirror) = (flag(CLAMP), flag(NEAREST), flag(MIRROR));
         let wrap = |x: F| {
             let repeated = x - x.floor();
-            F::select(clamp, x.clamp(0.0, 1.0), repeated)
+            // There and back within a period of 2.
+            let mirrored = F::one() - ((x * 0.5 - (x * 0.5).floor()) * 2.0 - 1.0).abs();
+            F::select(mirror, mirrored, F::select(clamp, x.clamp(0.0, 1.0), repeated))
         };
         let (w, h) = (F::from_index(width), F::from_index(height));
         // Texel centres are at half-integers; the nearest texel is what a bilinear look-up at its centre gives.
         let place = |x: F| F::select(nearest, x.floor(), x - 0.5);
-        let (x, y) = (place(wrap(uv[0] * repeat_u) * w), place((F::one() - wrap(uv[1] * repeat_v)) * h));
+        let (x, y) = (place(wrap(u) * w), place((F::one() - wrap(v)) * h));
         let (x0, y0) = (x.floor(), y.floor());
         let (fx, fy) = (x - x0, y - y0);
         let inside = |i: F, n: F| {
@@ -106,16 +114,28 @@ impl Textures {
         row(y0) * (F::one() - fy) + row(y0 + 1.0) * fy
     }
 
+    /// The place in the image of a place on the surface.
+    #[inline(always)]
+    fn map<F: Real>(&self, at: F::Index, [u, v]: [F; 2]) -> [F; 2] {
+        let row = |n: u32| {
+            let [a, b, c, _] = F::record(&self.table, at + F::Index::splat(n));
+            a.mul_add(u, b.mul_add(v, c))
+        };
+        [row(1), row(2)]
+    }
+
     /// ∂/∂u and ∂/∂v of a texture's luminance at (u, v): differences over one texel.
     pub fn slope<F: Real>(&self, texture: F::Index, uv: [F; 2]) -> [F; 2] {
         let at = texture * F::Index::splat(RECORDS);
         let [_, width, height, _] = F::words(&self.table, at);
-        let [repeat_u, repeat_v, ..] = F::record(&self.table, at + F::Index::splat(1));
-        let texel = |n: F::Index, repeat: F| {
-            let step = (F::from_index(n) * repeat).abs().recip();
+        let row = |n: u32| F::record(&self.table, at + F::Index::splat(n));
+        let ([a, b, ..], [c, d, ..]) = (row(1), row(2));
+        let (w, h) = (F::from_index(width), F::from_index(height));
+        let texel = |along_x: F, along_y: F| {
+            let step = (along_x * w).abs().max((along_y * h).abs()).recip();
             F::select(step.is_finite(), step, F::one())
         };
-        let (du, dv) = (texel(width, repeat_u), texel(height, repeat_v));
+        let (du, dv) = (texel(a, c), texel(b, d));
         let h = |u: F, v: F| self.eval(texture, [u, v]).luminance();
         let along_u = h(uv[0] + du * 0.5, uv[1]) - h(uv[0] - du * 0.5, uv[1]);
         let along_v = h(uv[0], uv[1] + dv * 0.5) - h(uv[0], uv[1] - dv * 0.5);
@@ -131,11 +151,14 @@ mod tests {
     #[test]
     fn texels_are_where_they_belong() {
         let mut textures = Textures::default();
-        textures.add([1, 1], &[[9.0; 3]], Wrap::Repeat, TextureFilter::Bilinear, [1.0; 2]);
+        textures.add([1, 1], &[[9.0; 3]], Wrap::Repeat, TextureFilter::Bilinear, SAME_UV);
         // 2×2: top row 0, 1; bottom row 2, 3.
         let texels = [0.0, 1.0, 2.0, 3.0].map(|x| [x; 3]);
-        let bilinear = textures.add([2, 2], &texels, Wrap::Repeat, TextureFilter::Bilinear, [1.0; 2]);
-        let nearest = textures.add([2, 2], &texels, Wrap::Clamp, TextureFilter::Nearest, [1.0; 2]);
+        let bilinear = textures.add([2, 2], &texels, Wrap::Repeat, TextureFilter::Bilinear, SAME_UV);
+        let nearest = textures.add([2, 2], &texels, Wrap::Clamp, TextureFilter::Nearest, SAME_UV);
+        let mirrored = textures.add([2, 2], &texels, Wrap::Mirror, TextureFilter::Bilinear, SAME_UV);
+        let quarter_turn = [[0.0, 1.0, 0.0], [-1.0, 0.0, 1.0]];
+        let turned = textures.add([2, 2], &texels, Wrap::Repeat, TextureFilter::Bilinear, quarter_turn);
         let eval = |t: u32, u: f32, v: f32| textures.eval(Index1(t), [u, v]).r;
         for t in [bilinear, nearest] {
             assert_eq!(
@@ -153,5 +176,19 @@ mod tests {
         for u in [f32::NAN, f32::INFINITY, 1e30, -1e30] {
             let _ = eval(bilinear, u, u);
         }
+        // Mirrored at its edges, there and back again.
+        for (u, v) in [(0.3, 0.4), (0.01, 0.98), (0.75, 0.5)] {
+            let here = eval(mirrored, u, v);
+            for (x, y) in [(-u, v), (2.0 - u, v), (u + 2.0, v), (u, -v), (u - 4.0, 2.0 - v)] {
+                assert!((eval(mirrored, x, y) - here).abs() < 1e-5, "({x}, {y})");
+            }
+        }
+        assert_eq!(eval(mirrored, 0.0, 0.25), 2.0, "its edge is next to itself");
+        // A quarter turn about the centre: (u, v) shows what was at (v, 1 − u).
+        for (u, v) in [(0.3, 0.4), (0.62, 0.58)] {
+            assert!((eval(turned, u, v) - eval(bilinear, v, 1.0 - u)).abs() < 1e-6);
+        }
+        let [du, dv] = textures.slope(Index1(turned), [0.5_f32, 0.5]);
+        assert!((du - 4.0).abs() < 1e-5 && (dv - 2.0).abs() < 1e-5, "{du} {dv}");
     }
 }

@@ -1,0 +1,383 @@
+//! Materials: metallic-roughness and its extensions, as rebond's principled model.
+
+use super::accessor::unescape;
+use super::{Importer, Result, unused_name};
+use ::gltf::json::material::AlphaMode;
+use ::gltf::json::texture::{MagFilter, WrappingMode};
+use ::gltf::json::validation::Checked;
+use glam::{DMat3, DVec3};
+use rebond::film::Image;
+use rebond::scene::description::{Color, ImageTexture, MaterialDescription, MaterialRef, Texture};
+use rebond::texture::{Encoding, SAME_UV, TextureFilter, UvMap, Wrap};
+
+/// Roughness below which a pane of glass is taken for smooth.
+const SMOOTH: f32 = 0.05;
+
+/// A reference to a texture: where it stands in the file, and what it says.
+struct TextureAt {
+    pointer: String,
+    texture: usize,
+}
+
+impl Importer<'_> {
+    /// The name of a material, and what it emits; the default one if there is no number.
+    pub fn material(&mut self, number: Option<usize>) -> Result<(String, Option<Color>)> {
+        // No list is that long.
+        let key = number.unwrap_or(usize::MAX);
+        if let Some(known) = self.materials.get(&key) {
+            return Ok(known.clone());
+        }
+        let (description, emission, name) = match number {
+            None => (principled(), None, "default".to_string()),
+            Some(n) => self.describe(n)?,
+        };
+        let name = unused_name(&name, |n| self.scene.materials.contains_key(n));
+        let place = self.error(&format!("materials[{}]", number.unwrap_or(0)), "");
+        self.places.note(format!("materials.{name}"), place);
+        self.scene.materials.insert(name.clone(), description);
+        self.materials.insert(key, (name.clone(), emission));
+        Ok((name, emission))
+    }
+
+    fn describe(&mut self, number: usize) -> Result<(MaterialDescription, Option<Color>, String)> {
+        let path = format!("materials[{number}]");
+        let Some(material) = self.root.materials.get(number).cloned() else {
+            return Err(self.error(&path, "there is no such material"));
+        };
+        let name =
+            self.at(&format!("/materials/{number}/name")).and_then(|v| v.as_str()).unwrap_or_default().to_string();
+        let own = format!("/materials/{number}");
+        let extension = |name: &str| format!("{own}/extensions/KHR_materials_{name}");
+        let pbr = format!("{own}/pbrMetallicRoughness");
+        let [r, g, b, a] = material.pbr_metallic_roughness.base_color_factor.0;
+        let base_texture = self.texture_at(&format!("{pbr}/baseColorTexture"));
+        let base_color = match &base_texture {
+            None => Texture::Constant(Color([r, g, b])),
+            Some(t) => Texture::Image(self.image_texture(t, [r, g, b], None, &path)?),
+        };
+        let mut metallic = material.pbr_metallic_roughness.metallic_factor.0;
+        let mut roughness = material.pbr_metallic_roughness.roughness_factor.0;
+        if let Some(t) = self.texture_at(&format!("{pbr}/metallicRoughnessTexture")) {
+            self.unsupported(&path, "an image of metal and roughness: its means are")?;
+            let [_, g, b] = self.mean(&t, true)?;
+            (metallic, roughness) = (metallic * b, roughness * g);
+        }
+        self.no_textures(
+            &extension("clearcoat"),
+            &["clearcoatTexture", "clearcoatRoughnessTexture", "clearcoatNormalTexture"],
+            &path,
+        )?;
+        self.no_textures(&extension("sheen"), &["sheenColorTexture", "sheenRoughnessTexture"], &path)?;
+        self.no_textures(&extension("specular"), &["specularTexture", "specularColorTexture"], &path)?;
+        self.no_textures(&extension("transmission"), &["transmissionTexture"], &path)?;
+        self.no_textures(&extension("volume"), &["thicknessTexture"], &path)?;
+        if self.texture_at(&format!("{own}/occlusionTexture")).is_some() {
+            self.warn(&path, "its image of occlusion is left out: light is traced");
+        }
+        let number_of = |me: &Self, name: &str, key: &str, default: f32| {
+            me.number(&format!("{}/{key}", extension(name))).unwrap_or(default)
+        };
+        let transmission = number_of(self, "transmission", "transmissionFactor", 0.0);
+        let ior = number_of(self, "ior", "ior", 1.5);
+        let specular = number_of(self, "specular", "specularFactor", 1.0);
+        let tint = self.numbers::<3>(&format!("{}/specularColorFactor", extension("specular"))).unwrap_or([1.0; 3]);
+        if tint != [1.0; 3] {
+            self.unsupported(&path, "coloured specular reflection")?;
+        }
+        let sheen = self.numbers::<3>(&format!("{}/sheenColorFactor", extension("sheen"))).unwrap_or([0.0; 3]);
+        if sheen != [0.0; 3] {
+            self.warn(&path, "its sheen is rebond's own: white, and of no roughness");
+        }
+        let thick = number_of(self, "volume", "thicknessFactor", 0.0) > 0.0;
+        let absorbs =
+            self.numbers::<3>(&format!("{}/attenuationColor", extension("volume"))).is_some_and(|c| c != [1.0; 3])
+                && self.number(&format!("{}/attenuationDistance", extension("volume"))).is_some();
+        if absorbs {
+            self.unsupported(&path, "a volume that absorbs")?;
+        }
+        let thin = transmission > 0.0 && !thick;
+        let mut description = if thin && transmission == 1.0 && metallic == 0.0 && roughness <= SMOOTH {
+            MaterialDescription::ThinDielectric { int_ior: ior, ext_ior: 1.0, tint: base_color }
+        } else {
+            if thin {
+                self.warn(&path, "its thin glass is solid: light is refracted");
+            }
+            MaterialDescription::Principled {
+                base_color,
+                metallic,
+                roughness,
+                anisotropic: 0.0,
+                specular: 0.5 * specular,
+                clearcoat: number_of(self, "clearcoat", "clearcoatFactor", 0.0),
+                clearcoat_roughness: number_of(self, "clearcoat", "clearcoatRoughnessFactor", 0.0),
+                sheen: sheen.iter().sum::<f32>() / 3.0,
+                transmission,
+                ior,
+            }
+        };
+        let mut emission = self.emission(number, &path)?;
+        if self.at(&extension("unlit")).is_some() {
+            if base_texture.is_some() {
+                self.unsupported(&path, "an unlit image: its mean shines")?;
+            }
+            let shown = match &base_texture {
+                Some(t) => self.mean(t, false)?,
+                None => [1.0; 3],
+            };
+            description = MaterialDescription::Diffuse { reflectance: Texture::grey(0.0) };
+            emission = Some(Color([r * shown[0], g * shown[1], b * shown[2]]));
+        }
+        if let Some(t) = self.texture_at(&format!("{own}/normalTexture")) {
+            let scale = self.number(&format!("{own}/normalTexture/scale")).unwrap_or(1.0);
+            let normal_map = ImageTexture { encoding: Encoding::Linear, ..self.raw_texture(&t, &path)? };
+            description = MaterialDescription::NormalMap { normal_map, scale, material: inline(description) };
+        }
+        if material.double_sided && transmission == 0.0 {
+            description = MaterialDescription::TwoSided { front: inline(description), back: None };
+            if emission.is_some() {
+                self.warn(&path, "it shines to the side of its normals only");
+            }
+        }
+        let opacity =
+            self.opacity(&material.alpha_mode, material.alpha_cutoff.map_or(0.5, |c| c.0), a, &base_texture, &path)?;
+        if let Some(opacity) = opacity {
+            description = MaterialDescription::Mask { opacity, material: inline(description) };
+            if emission.is_some() {
+                self.unsupported(&path, "light from a surface with holes")?;
+                emission = None;
+            }
+        }
+        Ok((description, emission, name))
+    }
+
+    fn emission(&mut self, number: usize, path: &str) -> Result<Option<Color>> {
+        let own = format!("/materials/{number}");
+        let factor = self.numbers::<3>(&format!("{own}/emissiveFactor")).unwrap_or([0.0; 3]);
+        let pointer = format!("{own}/extensions/KHR_materials_emissive_strength/emissiveStrength");
+        let strength = self.number(&pointer).unwrap_or(1.0);
+        let mut color = factor.map(|c| c * strength);
+        if let Some(t) = self.texture_at(&format!("{own}/emissiveTexture"))
+            && color != [0.0; 3]
+        {
+            self.unsupported(path, "an image that shines: its mean does")?;
+            let mean = self.mean(&t, false)?;
+            color = std::array::from_fn(|c| color[c] * mean[c]);
+        }
+        Ok((color != [0.0; 3]).then_some(Color(color)))
+    }
+
+    /// How opaque a material is; `None` if it is everywhere.
+    fn opacity(
+        &mut self,
+        mode: &Checked<AlphaMode>,
+        cutoff: f32,
+        factor: f32,
+        base: &Option<TextureAt>,
+        path: &str,
+    ) -> Result<Option<Texture>> {
+        let passes = |alpha: f32| match mode {
+            Checked::Valid(AlphaMode::Mask) => f32::from(u8::from(alpha >= cutoff)),
+            _ => alpha,
+        };
+        match mode {
+            Checked::Valid(AlphaMode::Mask | AlphaMode::Blend) => {}
+            _ => return Ok(None),
+        }
+        let Some(t) = base else {
+            let opacity = passes(factor);
+            return Ok((opacity < 1.0).then(|| Texture::grey(opacity)));
+        };
+        let Some(alpha) = self.channel(t, "A")? else {
+            let opacity = passes(factor);
+            return Ok((opacity < 1.0).then(|| Texture::grey(opacity)));
+        };
+        if alpha.iter().all(|x| passes(x * factor) >= 1.0) {
+            return Ok(None);
+        }
+        let mut texture = self.image_texture(t, [1.0; 3], Some(&|x: f32| passes(x * factor).clamp(0.0, 1.0)), path)?;
+        if matches!(mode, Checked::Valid(AlphaMode::Mask)) {
+            // What is half opaque between texels would be neither.
+            texture.filter = TextureFilter::Nearest;
+        }
+        Ok(Some(Texture::Image(texture)))
+    }
+
+    // ---- textures ----
+
+    /// A reference to a texture, if there is one.
+    fn texture_at(&self, pointer: &str) -> Option<TextureAt> {
+        let texture = self.at(&format!("{pointer}/index"))?.as_u64()?;
+        Some(TextureAt { pointer: pointer.to_string(), texture: usize::try_from(texture).unwrap_or(usize::MAX) })
+    }
+
+    fn no_textures(&mut self, extension: &str, names: &[&str], path: &str) -> Result<()> {
+        for name in names {
+            if self.texture_at(&format!("{extension}/{name}")).is_some() {
+                self.unsupported(path, format!("an image for {name}: its factor is"))?;
+            }
+        }
+        Ok(())
+    }
+
+    fn source(&self, t: &TextureAt) -> Result<usize> {
+        let path = format!("textures[{}]", t.texture);
+        let source = self.at(&format!("/textures/{}/source", t.texture)).and_then(|v| v.as_u64());
+        source.map(|n| n as usize).ok_or_else(|| self.error(&path, "there is no such texture, or it has no image"))
+    }
+
+    /// The image of a texture, with all its channels.
+    fn decoded(&mut self, t: &TextureAt, raw: bool) -> Result<&Image> {
+        let number = self.source(t)?;
+        if !self.images.contains_key(&(number, raw)) {
+            let path = format!("images[{number}]");
+            let Some(image) = self.root.images.get(number).cloned() else {
+                return Err(self.error(&path, "there is no such image"));
+            };
+            let bytes = match (image.uri, image.buffer_view) {
+                (Some(uri), _) => self.open(&uri).map_err(|m| self.error(&path, m))?,
+                (None, Some(view)) => self.view_bytes(view.value())?,
+                (None, None) => return Err(self.error(&path, "it has no bytes")),
+            };
+            let read = if raw { crate::read_image_raw(&bytes, "") } else { crate::read_image(&bytes, "") };
+            let decoded = read.map_err(|e| self.error(&path, e.message))?;
+            self.images.insert((number, raw), decoded);
+        }
+        Ok(&self.images[&(number, raw)])
+    }
+
+    fn channel(&mut self, t: &TextureAt, name: &str) -> Result<Option<Vec<f32>>> {
+        let image = self.decoded(t, false)?;
+        let found = image.layers.iter().flat_map(|l| &l.channels).find(|c| c.name == name);
+        Ok(found.map(|c| c.data.clone()))
+    }
+
+    fn mean(&mut self, t: &TextureAt, raw: bool) -> Result<[f32; 3]> {
+        let pixels = self.decoded(t, raw)?.rgb("").unwrap_or_default();
+        let n = pixels.len().max(1) as f64;
+        Ok(std::array::from_fn(|c| (pixels.iter().map(|p| f64::from(p[c])).sum::<f64>() / n) as f32))
+    }
+
+    /// A texture times a colour; or its alpha, changed.
+    fn image_texture(
+        &mut self,
+        t: &TextureAt,
+        factor: [f32; 3],
+        alpha: Option<&dyn Fn(f32) -> f32>,
+        path: &str,
+    ) -> Result<ImageTexture> {
+        if alpha.is_none() && factor == [1.0; 3] {
+            return self.raw_texture(t, path);
+        }
+        let number = self.source(t)?;
+        let image = self.decoded(t, false)?;
+        let (width, height) = (image.width, image.height);
+        let pixels: Vec<[f32; 3]> = match alpha {
+            None => {
+                let pixels = image.rgb("").unwrap_or_default();
+                pixels.into_iter().map(|p| std::array::from_fn(|c| p[c] * factor[c])).collect()
+            }
+            Some(f) => self.channel(t, "A")?.unwrap_or_default().into_iter().map(|x| [f(x); 3]).collect(),
+        };
+        if pixels.len() != width as usize * height as usize {
+            return Err(self.error(&format!("images[{number}]"), "it has no colours"));
+        }
+        let kind = if alpha.is_some() { "opacity" } else { "color" };
+        let image = self.assets.add_image(&format!("image-{number}-{kind}"), Image::from_rgb(width, height, &pixels));
+        self.placed(t, image, path)
+    }
+
+    /// A texture as it is.
+    fn raw_texture(&mut self, t: &TextureAt, path: &str) -> Result<ImageTexture> {
+        let number = self.source(t)?;
+        let uri = self.root.images.get(number).and_then(|i| i.uri.clone()).filter(|u| !u.starts_with("data:"));
+        let file = match uri {
+            Some(uri) => {
+                let file = unescape(&uri);
+                self.assets.path(&file).map_err(|m| self.error(&format!("images[{number}]"), m))?;
+                file
+            }
+            // Numbers of maps are taken as they are, colours decoded.
+            None => {
+                let raw = t.pointer.ends_with("normalTexture");
+                let image = self.decoded(t, raw)?.clone();
+                self.assets.add_image(&format!("image-{number}"), image)
+            }
+        };
+        self.placed(t, file, path)
+    }
+
+    /// Where the image is, how it repeats, and between its texels.
+    fn placed(&mut self, t: &TextureAt, image: String, path: &str) -> Result<ImageTexture> {
+        let transform = format!("{}/extensions/KHR_texture_transform", t.pointer);
+        let set = self.number(&format!("{transform}/texCoord")).or(self.number(&format!("{}/texCoord", t.pointer)));
+        if set.is_some_and(|n| n != 0.0) {
+            self.unsupported(path, "a second set of texture coordinates: the first is")?;
+        }
+        let sampler = self.root.textures.get(t.texture).and_then(|x| x.sampler).map(|s| s.value());
+        let sampler = match sampler {
+            Some(n) => match self.root.samplers.get(n) {
+                Some(s) => Some((s.wrap_s, s.wrap_t, s.mag_filter)),
+                None => return Err(self.error(&format!("samplers[{n}]"), "there is no such sampler")),
+            },
+            None => None,
+        };
+        let (s, v, filter) =
+            sampler.unwrap_or((Checked::Valid(WrappingMode::Repeat), Checked::Valid(WrappingMode::Repeat), None));
+        if s != v {
+            self.unsupported(path, "an image that repeats otherwise along u than along v")?;
+        }
+        let wrap = match s {
+            Checked::Valid(WrappingMode::ClampToEdge) => Wrap::Clamp,
+            Checked::Valid(WrappingMode::MirroredRepeat) => Wrap::Mirror,
+            _ => Wrap::Repeat,
+        };
+        let filter = match filter {
+            Some(Checked::Valid(MagFilter::Nearest)) => TextureFilter::Nearest,
+            _ => TextureFilter::Bilinear,
+        };
+        let offset = self.numbers::<2>(&format!("{transform}/offset")).unwrap_or([0.0; 2]);
+        let scale = self.numbers::<2>(&format!("{transform}/scale")).unwrap_or([1.0; 2]);
+        let rotation = self.number(&format!("{transform}/rotation")).unwrap_or(0.0);
+        let to_uv = uv_map(offset, rotation, scale);
+        let to_uv = (to_uv != SAME_UV).then_some(to_uv);
+        Ok(ImageTexture { image, encoding: Encoding::Auto, wrap, filter, repeat: [1.0; 2], to_uv })
+    }
+}
+
+/// `KHR_texture_transform` where v grows upwards: scaled, turned counter-clockwise as one sees it, moved.
+fn uv_map(offset: [f32; 2], rotation: f32, scale: [f32; 2]) -> UvMap {
+    let [tx, ty] = offset.map(f64::from);
+    let [sx, sy] = scale.map(f64::from);
+    let (sin, cos) = f64::from(rotation).sin_cos();
+    // v grows downwards in it: seen so, a turn counter-clockwise is (cos, sin; −sin, cos).
+    let turned = DMat3::from_cols(
+        DVec3::new(cos * sx, -sin * sx, 0.0),
+        DVec3::new(sin * sy, cos * sy, 0.0),
+        DVec3::new(tx, ty, 1.0),
+    );
+    let flip = DMat3::from_cols(DVec3::X, DVec3::NEG_Y, DVec3::new(0.0, 1.0, 1.0));
+    let m = flip * turned * flip;
+    // −0 is 0.
+    let row = |i: usize| [m.x_axis[i] as f32 + 0.0, m.y_axis[i] as f32 + 0.0, m.z_axis[i] as f32 + 0.0];
+    [row(0), row(1)]
+}
+
+fn inline(material: MaterialDescription) -> MaterialRef {
+    MaterialRef::Inline(Box::new(material))
+}
+
+/// What wears no material.
+fn principled() -> MaterialDescription {
+    MaterialDescription::Principled {
+        base_color: Texture::grey(1.0),
+        metallic: 1.0,
+        roughness: 1.0,
+        anisotropic: 0.0,
+        specular: 0.5,
+        clearcoat: 0.0,
+        clearcoat_roughness: 0.0,
+        sheen: 0.0,
+        transmission: 0.0,
+        ior: 1.5,
+    }
+}

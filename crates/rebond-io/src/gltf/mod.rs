@@ -1,0 +1,549 @@
+//! glTF 2.0 (Khronos 2021), `.gltf` and `.glb`.
+//!
+//! | glTF | rebond |
+//! |---|---|
+//! | cameras look along −z | along +z: turned by half a turn |
+//! | (0, 0) of an image is its upper left | its lower left: v of every mesh becomes 1 − v |
+//! | candela, lux, nits | the same numbers, in W·sr⁻¹, W·m⁻², W·sr⁻¹·m⁻² |
+//! | a film | none: the camera's aspect ratio, 540 pixels high |
+//! | what is not double-sided is not drawn from behind | it is black from behind |
+//!
+//! Read are the scene's nodes with their meshes, cameras and lights, and these extensions: `KHR_lights_punctual`,
+//! `KHR_materials_clearcoat`, `_emissive_strength`, `_ior`, `_sheen`, `_specular`, `_transmission`, `_unlit`, `_volume` (its index
+//! matters, its absorption is not supported), `KHR_mesh_quantization`, `KHR_texture_transform`. Nothing moves: animations are at rest.
+
+mod accessor;
+mod materials;
+
+use crate::error::Error;
+use crate::import::{Assets, ImportOptions, Imported, Places, Report, free_name, steps};
+use ::gltf::json::{
+    Root,
+    camera::Type as CameraType,
+    mesh::{Mode, Semantic},
+    scene::Node,
+    validation::Checked,
+};
+use glam::{DMat4, DQuat, DVec3, DVec4};
+use rebond::scene::SceneDescription;
+use rebond::scene::description::{
+    CameraDescription, Color, EmitterDescription, FovAxis, InstanceDescription, LookAt, MaterialRef, MeshFile,
+    ShapeDescription, Transform, TransformStep,
+};
+use rebond::shape::MeshData;
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// Nodes within each other.
+const DEEPEST: usize = 256;
+/// Nodes of a scene, those that are there twice counted twice.
+const MOST_NODES: usize = 1 << 20;
+/// Height of a film, pixels.
+const HEIGHT: f64 = 540.0;
+
+/// Extensions that are read.
+const KNOWN: &[&str] = &[
+    "KHR_lights_punctual",
+    "KHR_materials_clearcoat",
+    "KHR_materials_emissive_strength",
+    "KHR_materials_ior",
+    "KHR_materials_sheen",
+    "KHR_materials_specular",
+    "KHR_materials_transmission",
+    "KHR_materials_unlit",
+    "KHR_materials_volume",
+    "KHR_mesh_quantization",
+    "KHR_texture_transform",
+];
+
+/// Reads a scene, `.gltf` or `.glb`; `file` is what errors call it, `folder` where its files are.
+pub fn read_gltf(bytes: &[u8], file: &str, folder: &Path, options: ImportOptions) -> Result<Imported> {
+    let named = |message: String| Error::new(message).with_file(file);
+    let (json, bin) = split(bytes).map_err(named)?;
+    let value: Value = serde_json::from_slice(json).map_err(|e| not_json(json, &e, file))?;
+    let root: Root = serde_json::from_slice(json).map_err(|e| not_json(json, &e, file))?;
+    if !root.asset.version.starts_with("2.") {
+        return Err(named(format!("glTF of version {} is not supported: 2.0 is", root.asset.version)));
+    }
+    let mut importer = Importer {
+        file: file.to_string(),
+        root,
+        value,
+        bin,
+        buffers: BTreeMap::new(),
+        assets: Assets::new(folder, options),
+        report: Report { lenient: options.lenient, ..Report::default() },
+        scene: SceneDescription::default(),
+        places: Places::default(),
+        meshes: BTreeMap::new(),
+        materials: BTreeMap::new(),
+        images: BTreeMap::new(),
+        uses: BTreeMap::new(),
+        nodes: 0,
+        has_camera: false,
+        bounds: [DVec3::INFINITY, DVec3::NEG_INFINITY],
+    };
+    importer.scene()?;
+    Ok(Imported {
+        description: importer.scene,
+        files: importer.assets,
+        warnings: importer.report.warnings,
+        samples: None,
+        places: importer.places,
+    })
+}
+
+/// The text and the binary chunk of a file.
+fn split(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), String> {
+    if !bytes.starts_with(b"glTF") {
+        return Ok((bytes, None));
+    }
+    let word = |at: usize| bytes.get(at..at + 4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
+    if word(4) != Some(2) {
+        return Err("binary glTF of another version than 2".into());
+    }
+    let (mut json, mut bin, mut at) = (None, None, 12);
+    while let (Some(length), Some(kind)) = (word(at), word(at + 4)) {
+        let chunk = (at + 8).checked_add(length as usize).and_then(|end| bytes.get(at + 8..end));
+        let chunk = chunk.ok_or("a chunk of this file ends after its end")?;
+        match &kind.to_le_bytes() {
+            b"JSON" if json.is_none() => json = Some(chunk),
+            b"BIN\0" if bin.is_none() => bin = Some(chunk),
+            // To be passed over.
+            _ => {}
+        }
+        at += 8 + chunk.len();
+    }
+    Ok((json.ok_or("there is no JSON in this file")?, bin))
+}
+
+fn not_json(json: &[u8], e: &serde_json::Error, file: &str) -> Error {
+    let text = String::from_utf8_lossy(json);
+    let lines = std::iter::once(0).chain(text.match_indices('\n').map(|(i, _)| i + 1));
+    let start = lines.into_iter().nth(e.line().saturating_sub(1)).unwrap_or(0);
+    let at = text.floor_char_boundary((start + e.column().saturating_sub(1)).min(text.len()));
+    let mut place = crate::document::place_of(&text, at..at);
+    // A file may be one line.
+    if place.source_line.chars().count() > 200 {
+        place.source_line = String::new();
+    }
+    let words = e.to_string();
+    let words = words.rsplit_once(" at line").map_or(&*words, |(words, _)| words);
+    Error { place: Some(Box::new(place)), ..Error::new(format!("not valid glTF: {words}")) }.with_file(file)
+}
+
+/// A mesh as it is used: a shape for each of its primitives.
+#[derive(Clone)]
+struct Primitive {
+    file: String,
+    material: Option<usize>,
+    bounds: [DVec3; 2],
+}
+
+struct Importer<'a> {
+    file: String,
+    root: Root,
+    /// The same, for what extensions say.
+    value: Value,
+    bin: Option<&'a [u8]>,
+    buffers: BTreeMap<usize, Vec<u8>>,
+    assets: Assets,
+    report: Report,
+    scene: SceneDescription,
+    places: Places,
+    meshes: BTreeMap<usize, Vec<Primitive>>,
+    /// Names of materials, and what they emit.
+    materials: BTreeMap<usize, (String, Option<Color>)>,
+    images: BTreeMap<(usize, bool), rebond::film::Image>,
+    /// How many nodes have a mesh.
+    uses: BTreeMap<usize, usize>,
+    nodes: usize,
+    has_camera: bool,
+    bounds: [DVec3; 2],
+}
+
+impl Importer<'_> {
+    /// An error about a part of the file, such as `materials[3]`.
+    fn error(&self, path: &str, message: impl Into<String>) -> Error {
+        let message = message.into();
+        Error::new(if path.is_empty() { message } else { format!("{path}: {message}") }).with_file(self.file.clone())
+    }
+
+    fn unsupported(&mut self, path: &str, message: impl Into<String>) -> Result<()> {
+        let error = self.error(path, message);
+        self.report.unsupported(error)
+    }
+
+    fn warn(&mut self, path: &str, message: impl Into<String>) {
+        let error = self.error(path, message);
+        self.report.warn(error);
+    }
+
+    /// The value at a JSON pointer.
+    fn at(&self, pointer: &str) -> Option<&Value> {
+        self.value.pointer(pointer)
+    }
+
+    fn number(&self, pointer: &str) -> Option<f32> {
+        self.at(pointer).and_then(Value::as_f64).map(|x| x as f32).filter(|x| x.is_finite())
+    }
+
+    fn numbers<const N: usize>(&self, pointer: &str) -> Option<[f32; N]> {
+        let list = self.at(pointer)?.as_array()?;
+        let values: Option<Vec<f32>> =
+            list.iter().map(|x| x.as_f64().map(|x| x as f32).filter(|x| x.is_finite())).collect();
+        values?.try_into().ok()
+    }
+
+    fn scene(&mut self) -> Result<()> {
+        for name in self.root.extensions_used.clone() {
+            if !KNOWN.contains(&name.as_str()) {
+                let required =
+                    if self.root.extensions_required.contains(&name) { ", which the file requires" } else { "" };
+                self.unsupported("", format!("the extension {name} is not supported{required}"))?;
+            }
+        }
+        if !self.root.animations.is_empty() {
+            self.warn("animations", "everything is at rest");
+        }
+        let number = self.root.scene.map_or(0, |s| s.value());
+        let Some(scene) = self.root.scenes.get(number) else {
+            return Err(self.error("scenes", format!("there is no scene {number}")));
+        };
+        let roots: Vec<usize> = scene.nodes.iter().map(|n| n.value()).collect();
+        let used: Vec<usize> = self.root.nodes.iter().filter_map(|n| n.mesh).map(|m| m.value()).collect();
+        used.into_iter().for_each(|m| *self.uses.entry(m).or_default() += 1);
+        for node in roots {
+            self.node(node, DMat4::IDENTITY, &mut Vec::new())?;
+        }
+        if !self.has_camera {
+            self.default_camera();
+        }
+        let shines = |s: &ShapeDescription| matches!(s, ShapeDescription::Ply(m) if m.emission.is_some());
+        if self.scene.emitters.is_empty() && !self.scene.shapes.iter().any(shines) {
+            self.warn("", "the file has no light: an even sky of radiance 1 lights it");
+            self.scene.emitters.push(EmitterDescription::Constant { radiance: Color([1.0; 3]) });
+        }
+        Ok(())
+    }
+
+    fn node(&mut self, number: usize, parent: DMat4, above: &mut Vec<usize>) -> Result<()> {
+        let path = format!("nodes[{number}]");
+        let Some(node) = self.root.nodes.get(number) else {
+            return Err(self.error(&path, "there is no such node"));
+        };
+        self.nodes += 1;
+        if above.contains(&number) || above.len() > DEEPEST || self.nodes > MOST_NODES {
+            return Err(self.error(&path, "this node is within itself, or there are too many"));
+        }
+        let m = parent * local(node);
+        if !m.is_finite() {
+            return Err(self.error(&path, "its transform is not finite"));
+        }
+        let (mesh, camera, skin) = (node.mesh.map(|m| m.value()), node.camera.map(|c| c.value()), node.skin.is_some());
+        let children: Vec<usize> = node.children.iter().flatten().map(|c| c.value()).collect();
+        if skin {
+            self.unsupported(&path, "a skin")?;
+        }
+        if let Some(mesh) = mesh {
+            self.mesh(mesh, m, &path)?;
+        }
+        if let Some(camera) = camera {
+            self.camera(camera, m)?;
+        }
+        if let Some(light) = self.at(&format!("/nodes/{number}/extensions/KHR_lights_punctual/light")) {
+            let light = light.as_u64().unwrap_or(u64::MAX);
+            self.light(light, m)?;
+        }
+        above.push(number);
+        for child in children {
+            self.node(child, m, above)?;
+        }
+        above.pop();
+        Ok(())
+    }
+
+    // ---- meshes ----
+
+    fn mesh(&mut self, number: usize, m: DMat4, path: &str) -> Result<()> {
+        let primitives = match self.meshes.get(&number) {
+            Some(known) => known.clone(),
+            None => {
+                let read = self.primitives(number)?;
+                self.meshes.insert(number, read.clone());
+                read
+            }
+        };
+        for p in &primitives {
+            for i in 0..8 {
+                let pick = |axis: usize| p.bounds[i >> axis & 1][axis];
+                let corner = m.transform_point3(DVec3::new(pick(0), pick(1), pick(2)));
+                self.bounds = [self.bounds[0].min(corner), self.bounds[1].max(corner)];
+            }
+        }
+        let mut shapes = Vec::new();
+        for p in primitives {
+            let (material, emission) = self.material(p.material)?;
+            shapes.push(MeshFile {
+                file: p.file,
+                face_normals: false,
+                smooth_normals: false,
+                flip_normals: false,
+                material: Some(MaterialRef::Named(material)),
+                emission,
+                to_world: Transform::default(),
+            });
+        }
+        // Several of a kind are stored once; only the world's shapes may shine.
+        let several = self.uses.get(&number).is_some_and(|n| *n > 1) && shapes.iter().all(|s| s.emission.is_none());
+        if several && !shapes.is_empty() {
+            let name = format!("mesh {number}");
+            if !self.scene.groups.contains_key(&name) {
+                self.scene.groups.insert(name.clone(), shapes.into_iter().map(ShapeDescription::Ply).collect());
+            }
+            self.push(path, ShapeDescription::Instance(InstanceDescription { group: name, to_world: steps(m) }));
+        } else {
+            for shape in shapes {
+                self.push(path, ShapeDescription::Ply(MeshFile { to_world: steps(m), ..shape }));
+            }
+        }
+        Ok(())
+    }
+
+    fn push(&mut self, path: &str, shape: ShapeDescription) {
+        let place = self.error(path, "");
+        self.places.note(format!("shapes[{}]", self.scene.shapes.len()), place);
+        self.scene.shapes.push(shape);
+    }
+
+    fn primitives(&mut self, number: usize) -> Result<Vec<Primitive>> {
+        let Some(mesh) = self.root.meshes.get(number) else {
+            return Err(self.error(&format!("meshes[{number}]"), "there is no such mesh"));
+        };
+        let mut out = Vec::new();
+        for (i, p) in mesh.primitives.clone().into_iter().enumerate() {
+            let path = format!("meshes[{number}].primitives[{i}]");
+            let attribute = |wanted: Semantic| p.attributes.get(&Checked::Valid(wanted)).map(|a| a.value());
+            for semantic in p.attributes.keys() {
+                match semantic {
+                    Checked::Valid(
+                        Semantic::Positions | Semantic::Normals | Semantic::Tangents | Semantic::TexCoords(0),
+                    ) => {}
+                    Checked::Valid(Semantic::Colors(0)) => {
+                        let colors = attribute(Semantic::Colors(0));
+                        let white = match colors {
+                            Some(a) => self.accessor(a, &path)?.values.iter().all(|x| *x == 1.0),
+                            None => true,
+                        };
+                        if !white {
+                            self.unsupported(&path, "colours of vertices")?;
+                        }
+                    }
+                    Checked::Valid(Semantic::Joints(_) | Semantic::Weights(_)) => {}
+                    // Sets of texture coordinates that no texture uses do no harm; those that one uses are refused there.
+                    Checked::Valid(Semantic::TexCoords(_)) => {}
+                    Checked::Valid(other) => {
+                        let name = ::gltf::json::mesh::Semantic::to_string(other);
+                        // Names with an underscore are an application's own.
+                        if !name.starts_with('_') {
+                            self.unsupported(&path, format!("the attribute {name}"))?;
+                        }
+                    }
+                    Checked::Invalid => self.unsupported(&path, "an attribute of no known name")?,
+                }
+            }
+            if p.targets.as_ref().is_some_and(|t| !t.is_empty()) {
+                self.warn(&path, "its morph targets are left out");
+            }
+            let Some(positions) = attribute(Semantic::Positions) else {
+                self.unsupported(&path, "a primitive without positions")?;
+                continue;
+            };
+            let positions = self.rows::<3>(positions, &path)?;
+            let normals = attribute(Semantic::Normals).map(|a| self.rows::<3>(a, &path)).transpose()?;
+            let uvs = attribute(Semantic::TexCoords(0)).map(|a| self.rows::<2>(a, &path)).transpose()?;
+            let uvs = uvs.map(|uvs| uvs.into_iter().map(|[u, v]| [u, 1.0 - v]).collect::<Vec<_>>());
+            let count = positions.len();
+            if normals.as_ref().is_some_and(|n| n.len() != count) || uvs.as_ref().is_some_and(|t| t.len() != count) {
+                return Err(self.error(&path, "its attributes are not of one length"));
+            }
+            let order: Vec<u32> = match p.indices {
+                Some(a) => {
+                    let accessor = self.accessor(a.value(), &path)?;
+                    // Whole numbers below 2²⁴ are exact in f32; larger ones are read apart.
+                    accessor.indices
+                }
+                None => (0..count as u32).collect(),
+            };
+            if let Some(bad) = order.iter().find(|i| **i as usize >= count) {
+                return Err(self.error(&path, format!("it names vertex {bad} of {count}")));
+            }
+            let strip = |i: usize| {
+                if i.is_multiple_of(2) {
+                    [order[i], order[i + 1], order[i + 2]]
+                } else {
+                    [order[i + 1], order[i], order[i + 2]]
+                }
+            };
+            let triangles: Vec<[u32; 3]> = match p.mode {
+                Checked::Valid(Mode::Triangles) => order.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect(),
+                Checked::Valid(Mode::TriangleStrip) => (0..order.len().saturating_sub(2)).map(strip).collect(),
+                Checked::Valid(Mode::TriangleFan) => order.windows(2).skip(1).map(|e| [order[0], e[0], e[1]]).collect(),
+                _ => {
+                    self.unsupported(&path, "points or lines")?;
+                    continue;
+                }
+            };
+            if triangles.is_empty() {
+                self.warn(&path, "it has no triangles");
+                continue;
+            }
+            let bounds = positions.iter().fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |b, p| {
+                let p = DVec3::from(p.map(f64::from));
+                if p.is_finite() { [b[0].min(p), b[1].max(p)] } else { b }
+            });
+            let mesh = MeshData { positions, normals, uvs, triangles };
+            let file = self.assets.add_mesh(&format!("mesh-{number}-{i}"), mesh);
+            out.push(Primitive { file, material: p.material.map(|m| m.value()), bounds });
+        }
+        Ok(out)
+    }
+
+    // ---- cameras and lights ----
+
+    fn camera(&mut self, number: usize, m: DMat4) -> Result<()> {
+        let path = format!("cameras[{number}]");
+        let Some(camera) = self.root.cameras.get(number) else {
+            return Err(self.error(&path, "there is no such camera"));
+        };
+        if self.has_camera {
+            self.warn(&path, "a further camera: the first is used");
+            return Ok(());
+        }
+        let kind = camera.type_;
+        let (perspective, orthographic) = (camera.perspective.clone(), camera.orthographic.clone());
+        // It stands where the node does, but has no size.
+        let axis = |v: DVec4| v.truncate().normalize_or_zero();
+        let (x, y, z) = (axis(m.x_axis), axis(m.y_axis), axis(m.z_axis));
+        let place = DMat4::from_cols((-x).extend(0.0), y.extend(0.0), (-z).extend(0.0), m.w_axis);
+        let (description, aspect) = match (kind, perspective, orthographic) {
+            (Checked::Valid(CameraType::Perspective), Some(p), _) => {
+                let camera = CameraDescription::Perspective {
+                    to_world: steps(place),
+                    fov: p.yfov.to_degrees(),
+                    fov_axis: FovAxis::Y,
+                    near_clip: p.znear,
+                    shutter_open: 0.0,
+                    shutter_close: 0.0,
+                };
+                (camera, f64::from(p.aspect_ratio.unwrap_or(16.0 / 9.0)))
+            }
+            (Checked::Valid(CameraType::Orthographic), _, Some(o)) => {
+                let scale = DMat4::from_scale(DVec3::new(f64::from(o.xmag), f64::from(o.xmag), 1.0));
+                let camera = CameraDescription::Orthographic {
+                    to_world: steps(place * scale),
+                    shutter_open: 0.0,
+                    shutter_close: 0.0,
+                };
+                (camera, f64::from(o.xmag / o.ymag))
+            }
+            _ => return Err(self.error(&path, "it is neither perspective nor orthographic")),
+        };
+        if !(aspect > 1e-3 && aspect < 1e3) {
+            return Err(self.error(&path, format!("{aspect} is no ratio of width and height")));
+        }
+        (self.scene.film.width, self.scene.film.height) = ((HEIGHT * aspect).round() as u32, HEIGHT as u32);
+        let place = self.error(&path, "");
+        self.places.note("camera", place);
+        self.scene.camera = description;
+        self.has_camera = true;
+        Ok(())
+    }
+
+    /// Before the scene, so that all of it is seen.
+    fn default_camera(&mut self) {
+        self.warn("cameras", "there is no camera: one is put in front of everything");
+        let [lo, hi] = self.bounds;
+        let (center, radius) = if lo.is_finite() && hi.is_finite() {
+            ((lo + hi) / 2.0, (hi - lo).length() / 2.0)
+        } else {
+            (DVec3::ZERO, 1.0)
+        };
+        let radius = radius.max(1e-6);
+        let distance = 1.05 * radius / 20.0_f64.to_radians().sin();
+        let origin = center + DVec3::new(0.3, 0.25, 1.0).normalize() * distance;
+        let vector = |v: DVec3| v.as_vec3().to_array();
+        let look_at = LookAt { origin: vector(origin), target: vector(center), up: [0.0, 1.0, 0.0] };
+        self.scene.camera = CameraDescription::Perspective {
+            to_world: Transform(vec![TransformStep { look_at: Some(look_at), ..TransformStep::default() }]),
+            fov: 40.0,
+            fov_axis: FovAxis::Smaller,
+            near_clip: 0.0,
+            shutter_open: 0.0,
+            shutter_close: 0.0,
+        };
+        (self.scene.film.width, self.scene.film.height) = (960, 540);
+    }
+
+    fn light(&mut self, number: u64, m: DMat4) -> Result<()> {
+        let pointer = format!("/extensions/KHR_lights_punctual/lights/{number}");
+        let path = format!("lights[{number}]");
+        let Some(kind) = self.at(&format!("{pointer}/type")).and_then(Value::as_str).map(str::to_string) else {
+            return Err(self.error(&path, "there is no such light, or it has no type"));
+        };
+        let color = self.numbers::<3>(&format!("{pointer}/color")).unwrap_or([1.0; 3]);
+        let intensity = self.number(&format!("{pointer}/intensity")).unwrap_or(1.0);
+        let color = Color(color.map(|c| c * intensity));
+        if self.number(&format!("{pointer}/range")).is_some() {
+            self.warn(&path, "its range is not heeded: light goes on for ever");
+        }
+        let axis = -m.z_axis.truncate().normalize_or_zero();
+        let position = m.w_axis.truncate().as_vec3().to_array();
+        let emitter = match kind.as_str() {
+            "point" => EmitterDescription::Point { position, to_world: Transform::default(), intensity: color },
+            "directional" => {
+                EmitterDescription::Directional { direction: axis.as_vec3().to_array(), irradiance: color }
+            }
+            "spot" => {
+                let outer =
+                    self.number(&format!("{pointer}/spot/outerConeAngle")).unwrap_or(std::f32::consts::FRAC_PI_4);
+                let inner = self.number(&format!("{pointer}/spot/innerConeAngle")).unwrap_or(0.0);
+                self.warn(&path, "between its cones a spot's light falls off linearly with the angle");
+                let (x, y) = axis.any_orthonormal_pair();
+                let place = DMat4::from_cols(x.extend(0.0), y.extend(0.0), axis.extend(0.0), m.w_axis);
+                EmitterDescription::Spot {
+                    to_world: steps(place),
+                    intensity: color,
+                    cutoff_angle: outer.to_degrees(),
+                    beam_width: Some(inner.to_degrees()),
+                }
+            }
+            other => return self.unsupported(&path, format!("a light of type \"{other}\"")),
+        };
+        let place = self.error(&path, "");
+        self.places.note(format!("emitters[{}]", self.scene.emitters.len()), place);
+        self.scene.emitters.push(emitter);
+        Ok(())
+    }
+}
+
+/// A node's own transform.
+fn local(node: &Node) -> DMat4 {
+    if let Some(m) = node.matrix {
+        return DMat4::from_cols_array(&m.map(f64::from));
+    }
+    let vector = |v: Option<[f32; 3]>, rest: f64| v.map_or(DVec3::splat(rest), |v| DVec3::from(v.map(f64::from)));
+    let rotation = node.rotation.map_or(DQuat::IDENTITY, |q| DQuat::from_array(q.0.map(f64::from)).normalize());
+    DMat4::from_scale_rotation_translation(vector(node.scale, 1.0), rotation, vector(node.translation, 0.0))
+}
+
+/// A name that none of those has.
+fn unused_name(name: &str, taken: impl Fn(&str) -> bool) -> String {
+    free_name(if name.is_empty() { "material" } else { name }, "", taken)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,214 @@
+//! Scenes of other programs: what all importers share.
+//!
+//! An importer reads a file and makes an [`Imported`] of it: a [`SceneDescription`], the meshes and images that it had to make,
+//! and where everything came from. What rebond has no equal for is an error at its place, or, if the import is to be lenient, a
+//! warning there.
+
+use crate::error::{Error, Place};
+use glam::DMat4;
+use rebond::film::Image;
+use rebond::scene::SceneDescription;
+use rebond::scene::description::{Transform, TransformStep};
+use rebond::shape::MeshData;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// How strict an import is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ImportOptions {
+    /// Leave out what cannot be had, with a warning, instead of giving up.
+    pub lenient: bool,
+    /// Open files outside of the scene's folder too.
+    pub allow_outside: bool,
+}
+
+/// A scene of another program.
+#[derive(Clone, Debug, Default)]
+pub struct Imported {
+    /// The scene.
+    pub description: SceneDescription,
+    /// Where its files are.
+    pub files: Assets,
+    /// What was left out, or is only nearly the same.
+    pub warnings: Vec<Error>,
+    /// Samples per pixel that the file asks for.
+    pub samples: Option<u32>,
+    /// Where the description's parts came from.
+    pub places: Places,
+}
+
+/// Where the parts of a description came from: paths in the description, such as `shapes[3].material`, with their places.
+#[derive(Clone, Debug, Default)]
+pub struct Places(BTreeMap<String, (String, Option<Box<Place>>)>);
+
+impl Places {
+    /// Notes where the part of that path came from, as an error there tells.
+    pub(crate) fn note(&mut self, path: impl Into<String>, at: Error) {
+        if let Some(file) = at.file {
+            self.0.insert(path.into(), (file, at.place));
+        }
+    }
+
+    /// An error about the value of that path: at the place of the narrowest part known.
+    pub fn error_at(&self, path: &str, message: impl Into<String>) -> Error {
+        let ends = path.char_indices().filter(|(_, c)| matches!(c, '.' | '[')).map(|(i, _)| i);
+        let mut prefixes: Vec<&str> = ends.map(|i| &path[..i]).collect();
+        prefixes.push(path);
+        let found = prefixes.iter().rev().find_map(|p| self.0.get(*p));
+        let (file, place) = found.cloned().map_or((None, None), |(file, place)| (Some(file), place));
+        Error { file, place, path: path.to_string(), ..Error::new(message) }
+    }
+}
+
+/// The warnings of an import, and whether what is missing is one of them or the end.
+#[derive(Debug, Default)]
+pub(crate) struct Report {
+    pub lenient: bool,
+    pub warnings: Vec<Error>,
+}
+
+impl Report {
+    /// Something that rebond has no equal for.
+    pub fn unsupported(&mut self, error: Error) -> Result<(), Error> {
+        if !self.lenient {
+            let help = error.help.clone().map_or_else(String::new, |h| format!("{h}; "));
+            return Err(error.with_help(format!("{help}--lenient goes on without")));
+        }
+        self.warn(error);
+        Ok(())
+    }
+
+    /// Something that is not quite the same.
+    pub fn warn(&mut self, error: Error) {
+        if !self.warnings.contains(&error) {
+            self.warnings.push(error);
+        }
+    }
+}
+
+/// Files of an imported scene: those of its folder, and what its importer made.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Assets {
+    folder: PathBuf,
+    allow_outside: bool,
+    /// Meshes by the names that the description calls them.
+    pub meshes: BTreeMap<String, Arc<MeshData>>,
+    /// Images likewise.
+    pub images: BTreeMap<String, Arc<Image>>,
+}
+
+impl Assets {
+    /// Of a scene in that folder.
+    pub fn new(folder: &Path, options: ImportOptions) -> Self {
+        Self { folder: folder.to_path_buf(), allow_outside: options.allow_outside, ..Self::default() }
+    }
+
+    /// The folder that names of files are relative to.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// The contents of a file, unless it lies outside of the scene's folder and that is not allowed.
+    pub fn read(&self, file: &str) -> Result<Vec<u8>, String> {
+        let path = self.path(file)?;
+        std::fs::read(&path).map_err(|e| format!("cannot read \"{}\": {e}", path.display()))
+    }
+
+    /// Where a file is, if it may be opened: `..` and links are followed before that is decided.
+    pub fn path(&self, file: &str) -> Result<PathBuf, String> {
+        let path = self.folder.join(file);
+        let whole = |p: &Path| p.canonicalize().map_err(|e| format!("cannot read \"{}\": {e}", path.display()));
+        let here = if self.folder.as_os_str().is_empty() { Path::new(".") } else { &self.folder };
+        if !self.allow_outside && !whole(&path)?.starts_with(whole(here)?) {
+            return Err(format!("\"{file}\" is outside of the scene's folder; --allow-outside opens it"));
+        }
+        Ok(path)
+    }
+
+    /// Keeps a mesh under a name that no other has, and returns that: `name.ply`.
+    pub(crate) fn add_mesh(&mut self, name: &str, mesh: MeshData) -> String {
+        let free = free_name(name, ".ply", |n| self.meshes.contains_key(n) || self.folder.join(n).exists());
+        self.meshes.insert(free.clone(), Arc::new(mesh));
+        free
+    }
+
+    /// The same for an image: `name.exr`.
+    pub(crate) fn add_image(&mut self, name: &str, image: Image) -> String {
+        let same = self.images.iter().find(|(_, known)| ***known == image);
+        if let Some((known, _)) = same {
+            return known.clone();
+        }
+        let free = free_name(name, ".exr", |n| self.images.contains_key(n) || self.folder.join(n).exists());
+        self.images.insert(free.clone(), Arc::new(image));
+        free
+    }
+}
+
+/// The transform of one matrix; none if it does nothing.
+pub(crate) fn steps(m: DMat4) -> Transform {
+    if m == DMat4::IDENTITY {
+        return Transform::default();
+    }
+    let rows = [0, 1, 2].map(|i| m.row(i).as_vec4().to_array());
+    Transform(vec![TransformStep { matrix: Some(rows.to_vec()), ..TransformStep::default() }])
+}
+
+/// Sides of the prism that stands for a cylinder: its area is off by a ten-thousandth.
+pub(crate) const SIDES: u32 = 256;
+
+/// The mantle of the cylinder of radius 1 from z = 0 to 1: u goes around it, v up.
+pub(crate) fn tube() -> MeshData {
+    let mut mesh = MeshData { normals: Some(Vec::new()), uvs: Some(Vec::new()), ..MeshData::default() };
+    for i in 0..=SIDES {
+        let u = i as f32 / SIDES as f32;
+        let (sin, cos) = (f64::from(i % SIDES) * std::f64::consts::TAU / f64::from(SIDES)).sin_cos();
+        for z in [0.0, 1.0] {
+            mesh.positions.push([cos as f32, sin as f32, z]);
+            mesh.normals.get_or_insert_default().push([cos as f32, sin as f32, 0.0]);
+            mesh.uvs.get_or_insert_default().push([u, z]);
+        }
+    }
+    mesh.triangles = (0..SIDES).flat_map(|i| [[2 * i, 2 * i + 2, 2 * i + 3], [2 * i, 2 * i + 3, 2 * i + 1]]).collect();
+    mesh
+}
+
+/// `name` itself, or with a number, so that `taken` does not hold.
+pub(crate) fn free_name(name: &str, extension: &str, taken: impl Fn(&str) -> bool) -> String {
+    let plain: String = name.chars().map(|c| if c.is_alphanumeric() || "-_ ".contains(c) { c } else { '-' }).collect();
+    let names = (1..).map(|i| if i == 1 { format!("{plain}{extension}") } else { format!("{plain}-{i}{extension}") });
+    names.into_iter().find(|n| !taken(n)).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+
+    #[test]
+    fn the_tube_is_round_and_faces_outwards() {
+        let mesh = tube();
+        let mut area = 0.0;
+        for t in &mesh.triangles {
+            let [a, b, c] = t.map(|i| Vec3::from(mesh.positions[i as usize]));
+            let n = (b - a).cross(c - a);
+            assert!(n.dot(Vec3::new(a.x + b.x + c.x, a.y + b.y + c.y, 0.0)) > 0.0);
+            area += f64::from(n.length()) / 2.0;
+        }
+        assert!((area / std::f64::consts::TAU - 1.0).abs() < 1e-4, "{area}");
+    }
+
+    #[test]
+    fn errors_are_at_the_narrowest_part_known() {
+        let mut places = Places::default();
+        for (path, line) in [("shapes[1]", 3), ("shapes[1].material", 4), ("materials.a b", 5)] {
+            let place = Some(Box::new(Place { line, ..Place::default() }));
+            places.note(path, Error { place, ..Error::new("").with_file("a.xml") });
+        }
+        let line = |path: &str| places.error_at(path, "no").line();
+        assert_eq!(line("shapes[1].to_world[2]"), Some(3));
+        assert_eq!(line("shapes[1].material.opacity.image"), Some(4));
+        assert_eq!(line("materials.a b.alpha"), Some(5));
+        assert_eq!(line("shapes[2]"), None);
+    }
+}

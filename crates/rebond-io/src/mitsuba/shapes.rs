@@ -1,0 +1,360 @@
+//! Shapes.
+
+use super::textures::Lie;
+use super::{Importer, Object, Result, Spot, Use, color};
+use crate::import::{SIDES, free_name, steps, tube};
+use glam::{DMat4, DVec3};
+use rebond::scene::description::{
+    Color, InstanceDescription, MaterialDescription, MaterialRef, Mesh, MeshFile, ShapeDescription, Simple, Sphere,
+    Texture,
+};
+use std::rc::Rc;
+
+/// What any shape has.
+struct Common {
+    material: Option<MaterialRef>,
+    emission: Option<Color>,
+    matrix: DMat4,
+}
+
+impl Importer {
+    /// A shape of the scene.
+    pub fn top_shape(&mut self, o: &Rc<Object>) -> Result<()> {
+        match o.plugin.as_str() {
+            // Translated where it is placed.
+            "shapegroup" => Ok(()),
+            "instance" => {
+                let Some((group, at)) = self.children(o, &["shape"])?.into_iter().next() else {
+                    return Err(self.error(&o.at, "an instance without a shape group"));
+                };
+                if group.plugin != "shapegroup" {
+                    return Err(self.error(&at, "an instance is of a shapegroup"));
+                }
+                let group = self.group(&group)?;
+                let to_world = steps(self.transform(o)?);
+                self.finish(o)?;
+                self.push(o, ShapeDescription::Instance(InstanceDescription { group, to_world }));
+                Ok(())
+            }
+            "merge" => {
+                for (inner, at) in self.children(o, &["shape"])? {
+                    self.within(&inner, &at, |me| me.top_shape(&inner))?;
+                }
+                self.finish(o)
+            }
+            _ => {
+                if let Some(shape) = self.shape(o)? {
+                    self.push(o, shape);
+                }
+                Ok(())
+            }
+        }
+    }
+
+    fn push(&mut self, o: &Object, shape: ShapeDescription) {
+        let path = format!("shapes[{}]", self.scene.shapes.len());
+        self.note_shape(o, &path);
+        self.scene.shapes.push(shape);
+    }
+
+    fn note_shape(&mut self, o: &Object, path: &str) {
+        let place = self.error(&o.at, "");
+        self.places.note(path, place);
+        let parts = [("bsdf", "material"), ("emitter", "emission")];
+        for (tag, key) in parts {
+            if let Ok(children) = self.children(o, &[tag])
+                && let Some((child, _)) = children.first()
+            {
+                let place = self.error(&child.at, "");
+                self.places.note(format!("{path}.{key}"), place);
+            }
+        }
+    }
+
+    /// The name of a shape group, which is translated once.
+    fn group(&mut self, o: &Rc<Object>) -> Result<String> {
+        let address = Rc::as_ptr(o) as usize;
+        if let Some(name) = self.groups.get(&address) {
+            return Ok(name.clone());
+        }
+        let name = o.id.clone().unwrap_or_else(|| "group".into());
+        let name = free_name(&name, "", |n| self.scene.groups.contains_key(n));
+        self.groups.insert(address, name.clone());
+        let mut shapes = Vec::new();
+        for (inner, at) in self.children(o, &["shape"])? {
+            if inner.plugin == "instance" {
+                self.unsupported(&at, "an instance within a shape group")?;
+            } else if let Some(shape) = self.shape(&inner)? {
+                self.note_shape(&inner, &format!("groups.{name}[{}]", shapes.len()));
+                shapes.push(shape);
+            }
+        }
+        if o.has("to_world") {
+            self.unsupported(&o.at, "a transform of a shape group: only its instances are placed")?;
+            self.passed_over(o, &["to_world"]);
+        }
+        self.finish(o)?;
+        self.scene.groups.insert(name.clone(), shapes);
+        Ok(name)
+    }
+
+    fn shape(&mut self, o: &Rc<Object>) -> Result<Option<ShapeDescription>> {
+        let shape = match o.plugin.as_str() {
+            "sphere" => {
+                let c = self.common(o, Lie::Flipped)?;
+                let center = self.vector(o, "center")?.unwrap_or(DVec3::ZERO);
+                let radius = self.number_or(o, "radius", 1.0)?;
+                // Mirrored, a sphere of Mitsuba's is turned inside out.
+                let flip_normals = self.flag(o, "flip_normals", false)? != (c.matrix.determinant() < 0.0);
+                ShapeDescription::Sphere(Sphere {
+                    center: center.as_vec3().to_array(),
+                    radius,
+                    flip_normals,
+                    material: c.material,
+                    emission: c.emission,
+                    to_world: steps(c.matrix),
+                })
+            }
+            "rectangle" => ShapeDescription::Rectangle(self.simple(o, Lie::Same)?),
+            "disk" => ShapeDescription::Disk(self.simple(o, Lie::Swapped)?),
+            "cube" => {
+                let simple = self.simple(o, Lie::Same)?;
+                match &simple.material {
+                    Some(m) if self.wears_images(m) => ShapeDescription::Mesh(cube(simple)),
+                    _ => ShapeDescription::Cube(simple),
+                }
+            }
+            "cylinder" => self.cylinder(o)?,
+            "obj" => {
+                let flipped = self.flag(o, "flip_tex_coords", true)?;
+                let file = self.mesh_file(o, if flipped { Lie::Flipped } else { Lie::Same })?;
+                ShapeDescription::Obj(file)
+            }
+            "ply" => {
+                let flipped = self.flag(o, "flip_tex_coords", false)?;
+                ShapeDescription::Ply(self.mesh_file(o, if flipped { Lie::Flipped } else { Lie::Same })?)
+            }
+            "serialized" => self.serialized(o)?,
+            _ => {
+                self.unknown_plugin(o)?;
+                return Ok(None);
+            }
+        };
+        self.finish(o)?;
+        Ok(Some(shape))
+    }
+
+    fn common(&mut self, o: &Object, lie: Lie) -> Result<Common> {
+        let emission = match &self.children(o, &["emitter"])?[..] {
+            [] => None,
+            [(emitter, at)] => self.emission(emitter, at)?,
+            _ => return Err(self.error(&o.at, "a shape with several emitters")),
+        };
+        let material = match &self.children(o, &["bsdf"])?[..] {
+            // What shines and is of no material reflects nothing.
+            [] => emission.map(|_| {
+                MaterialRef::Inline(Box::new(MaterialDescription::Diffuse { reflectance: Texture::grey(0.0) }))
+            }),
+            [(bsdf, at)] => Some(self.material(bsdf, at, lie)?),
+            _ => return Err(self.error(&o.at, "a shape with several BSDFs")),
+        };
+        for (child, at) in self.children(o, &["medium", "sensor"])? {
+            self.unsupported(&at, format!("a {} of a shape", child.tag))?;
+        }
+        self.passed_over(o, &["silhouette_sampling_weight"]);
+        Ok(Common { material, emission, matrix: self.transform(o)? })
+    }
+
+    /// The radiance of an area light.
+    fn emission(&mut self, o: &Rc<Object>, at: &Spot) -> Result<Option<Color>> {
+        if o.plugin != "area" {
+            let error = self.error(at, format!("the emitter \"{}\" of a shape is not supported", o.plugin));
+            self.report.unsupported(error)?;
+            return Ok(None);
+        }
+        self.passed_over(o, &["sampling_weight"]);
+        let radiance = self.light(o, "radiance")?;
+        self.finish(o)?;
+        Ok(Some(radiance))
+    }
+
+    /// What an emitter sends out, which must be the same everywhere.
+    pub fn light(&mut self, o: &Object, name: &str) -> Result<Color> {
+        let Some(p) = o.get(name) else { return Ok(Color([1.0; 3])) };
+        if let Some(c) = self.color(p, Use::Light)? {
+            return Ok(color(c));
+        }
+        let Some(texture) = self.object(p)? else { return self.wrong(p, "a colour") };
+        self.unsupported(&p.at, format!("a {} for the \"{name}\" of a light: its mean is", texture.plugin))?;
+        Ok(Color(self.mean(&texture)?.unwrap_or([1.0; 3])))
+    }
+
+    fn simple(&mut self, o: &Object, lie: Lie) -> Result<Simple> {
+        let c = self.common(o, lie)?;
+        let flip_normals = self.flag(o, "flip_normals", false)?;
+        Ok(Simple { flip_normals, material: c.material, emission: c.emission, to_world: steps(c.matrix) })
+    }
+
+    fn mesh_file(&mut self, o: &Object, lie: Lie) -> Result<MeshFile> {
+        let Some((file, at)) = self.text(o, "filename")? else {
+            return Err(self.error(&o.at, "the filename is missing"));
+        };
+        let file = self.find(&file, &at)?;
+        let c = self.common(o, lie)?;
+        let face_normals = self.flag(o, "face_normals", false)?;
+        let flip = self.flag(o, "flip_normals", false)?;
+        // Mirrored, Mitsuba's meshes are turned inside out, but for those that bring normals.
+        let inside_out = c.matrix.determinant() < 0.0 && (face_normals || !self.has_normals(&file, &at)?);
+        Ok(MeshFile {
+            file,
+            face_normals,
+            smooth_normals: !face_normals,
+            flip_normals: flip != inside_out,
+            material: c.material,
+            emission: c.emission,
+            to_world: steps(c.matrix),
+        })
+    }
+
+    /// Whether an OBJ or PLY file has normals.
+    fn has_normals(&self, file: &str, at: &Spot) -> Result<bool> {
+        let bytes = self.assets.read(file).map_err(|m| self.error(at, m))?;
+        let mut lines = bytes.split(|b| *b == b'\n').map(|l| l.trim_ascii());
+        if bytes.starts_with(b"ply") {
+            return Ok(lines
+                .take_while(|l| *l != b"end_header")
+                .any(|l| l.starts_with(b"property") && l.ends_with(b" nx")));
+        }
+        Ok(lines.any(|l| l.starts_with(b"vn ")))
+    }
+
+    fn serialized(&mut self, o: &Object) -> Result<ShapeDescription> {
+        let Some((name, at)) = self.text(o, "filename")? else {
+            return Err(self.error(&o.at, "the filename is missing"));
+        };
+        let file = self.find(&name, &at)?;
+        let index = match self.number(o, "shape_index")?.unwrap_or(0.0) {
+            i if i >= 0.0 && i.fract() == 0.0 => i as usize,
+            i => return Err(self.error(&o.at, format!("{i} is no shape_index"))),
+        };
+        let flipped = self.flag(o, "flip_tex_coords", false)?;
+        let c = self.common(o, if flipped { Lie::Flipped } else { Lie::Same })?;
+        let (face_normals, flip) = (self.flag(o, "face_normals", false)?, self.flag(o, "flip_normals", false)?);
+        let bytes = self.assets.read(&file).map_err(|m| self.error(&at, m))?;
+        let mesh = super::serialized::read(&bytes, index).map_err(|m| self.error(&at, format!("\"{file}\": {m}")))?;
+        let inside_out = c.matrix.determinant() < 0.0 && (face_normals || mesh.normals.is_none());
+        let stem = std::path::Path::new(&file).file_stem().map_or("mesh".into(), |s| s.to_string_lossy().into_owned());
+        let file = self.assets.add_mesh(&format!("{stem}-{index}"), mesh);
+        Ok(ShapeDescription::Ply(MeshFile {
+            file,
+            face_normals,
+            smooth_normals: !face_normals,
+            flip_normals: flip != inside_out,
+            material: c.material,
+            emission: c.emission,
+            to_world: steps(c.matrix),
+        }))
+    }
+
+    /// An open tube.
+    fn cylinder(&mut self, o: &Object) -> Result<ShapeDescription> {
+        let c = self.common(o, Lie::Same)?;
+        let p0 = self.vector(o, "p0")?.unwrap_or(DVec3::ZERO);
+        let p1 = self.vector(o, "p1")?.unwrap_or(DVec3::Z);
+        let radius = self.number(o, "radius")?.unwrap_or(1.0);
+        let flip_normals = self.flag(o, "flip_normals", false)?;
+        let Some(z) = (p1 - p0).try_normalize() else { return Err(self.error(&o.at, "p0 and p1 are the same point")) };
+        let (x, y) = z.any_orthonormal_pair();
+        let height = (p1 - p0).length();
+        let place = DMat4::from_cols(
+            (x * radius).extend(0.0),
+            (y * radius).extend(0.0),
+            (z * height).extend(0.0),
+            p0.extend(1.0),
+        );
+        self.warn(&o.at, format!("a cylinder becomes a prism of {SIDES} sides"));
+        let file = match self.assets.meshes.contains_key("cylinder.ply") {
+            true => "cylinder.ply".to_string(),
+            false => self.assets.add_mesh("cylinder", tube()),
+        };
+        Ok(ShapeDescription::Ply(MeshFile {
+            file,
+            face_normals: false,
+            smooth_normals: false,
+            flip_normals,
+            material: c.material,
+            emission: c.emission,
+            to_world: steps(c.matrix * place),
+        }))
+    }
+
+    /// Whether a material has an image in it.
+    fn wears_images(&self, material: &MaterialRef) -> bool {
+        use MaterialDescription as M;
+        let description = match material {
+            MaterialRef::Named(name) => match self.scene.materials.get(name) {
+                Some(m) => m,
+                None => return false,
+            },
+            MaterialRef::Inline(m) => m,
+        };
+        let image = |t: &Texture| matches!(t, Texture::Image(_));
+        match description {
+            M::NormalMap { .. } | M::BumpMap { .. } => true,
+            M::Mask { opacity, material } => image(opacity) || self.wears_images(material),
+            M::TwoSided { front, back } => {
+                self.wears_images(front) || back.as_ref().is_some_and(|b| self.wears_images(b))
+            }
+            M::Mix { a, b, .. } => self.wears_images(a) || self.wears_images(b),
+            M::Diffuse { reflectance } | M::Mirror { reflectance } => image(reflectance),
+            M::Dielectric { tint, .. } | M::Conductor { tint, .. } | M::ThinDielectric { tint, .. } => image(tint),
+            M::Plastic { diffuse_reflectance, .. } => image(diffuse_reflectance),
+            M::Principled { base_color, .. } => image(base_color),
+            M::Phong { .. }
+            | M::BlinnPhong { .. }
+            | M::OrenNayar { .. }
+            | M::AshikhminShirley { .. }
+            | M::Measured { .. } => false,
+        }
+    }
+}
+
+/// A cube whose faces have the texture coordinates of Mitsuba's.
+fn cube(simple: Simple) -> Mesh {
+    // Each face from where (u, v) is (0, 1), by way of (1, 1) and (1, 0), to (0, 0).
+    const FACES: [[[f32; 3]; 4]; 6] = [
+        [[1.0, -1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, -1.0, 1.0], [-1.0, -1.0, -1.0]],
+        [[1.0, 1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, 1.0, 1.0], [1.0, 1.0, 1.0]],
+        [[1.0, -1.0, -1.0], [1.0, 1.0, -1.0], [1.0, 1.0, 1.0], [1.0, -1.0, 1.0]],
+        [[1.0, -1.0, 1.0], [1.0, 1.0, 1.0], [-1.0, 1.0, 1.0], [-1.0, -1.0, 1.0]],
+        [[-1.0, -1.0, 1.0], [-1.0, 1.0, 1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, -1.0]],
+        [[1.0, 1.0, -1.0], [1.0, -1.0, -1.0], [-1.0, -1.0, -1.0], [-1.0, 1.0, -1.0]],
+    ];
+    let face = |i: u32| if simple.flip_normals { vec![i, i + 3, i + 2, i + 1] } else { vec![i, i + 1, i + 2, i + 3] };
+    Mesh {
+        positions: FACES.concat(),
+        faces: (0..6).map(|f| face(4 * f)).collect(),
+        normals: None,
+        uvs: Some([[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]].repeat(6)),
+        material: simple.material,
+        emission: simple.emission,
+        to_world: simple.to_world,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+    use rebond::scene::description::Transform;
+
+    #[test]
+    fn the_cube_faces_outwards() {
+        let simple = Simple { flip_normals: false, material: None, emission: None, to_world: Transform::default() };
+        let mesh = cube(simple);
+        for f in &mesh.faces {
+            let p: Vec<Vec3> = f.iter().map(|i| Vec3::from(mesh.positions[*i as usize])).collect();
+            assert!((p[1] - p[0]).cross(p[2] - p[0]).dot(p[0] + p[2]) > 0.0);
+        }
+    }
+}

@@ -1,0 +1,716 @@
+//! pbrt-v4 scenes (`.pbrt`), as its manual (Pharr, Jakob and Humphreys 2023) has them.
+//!
+//! | pbrt | rebond |
+//! |---|---|
+//! | the camera's x goes right | left: mirrored |
+//! | a field of view across the shorter side | the same |
+//! | `maxdepth` counts what comes after emission | `max_depth` counts that too: one more |
+//! | opaque materials look the same from both sides | two-sided |
+//! | spectra | linear Rec. 709 by [`spectra`](crate::mitsuba); light is scaled so that its luminance is what `scale` says |
+//! | `roughness` is remapped unless told otherwise | α is its root |
+//!
+//! What rebond has no equal for is refused at its place, or left out with a warning if the import is lenient.
+
+mod materials;
+mod parse;
+mod shapes;
+
+use crate::error::Error;
+use crate::import::{Assets, ImportOptions, Imported, Places, Report, steps};
+use crate::mitsuba::spectra;
+use glam::{DMat4, DVec3};
+use parse::{Parameter, Parameters, Spot, Word, Words};
+use rebond::film::FilterSettings;
+use rebond::integrators::{BidirectionalSettings, IntegratorSettings, LightSettings, PathSettings};
+use rebond::sampling::SamplerSettings;
+use rebond::scene::SceneDescription;
+use rebond::scene::description::{
+    CameraDescription, Color, EmitterDescription, FovAxis, InstanceDescription, MaterialRef, ShapeDescription,
+    Transform,
+};
+use std::collections::BTreeMap;
+use std::io::Read;
+use std::num::NonZeroU32;
+use std::path::Path;
+
+type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// Attributes within attributes.
+const DEEPEST: usize = 4096;
+/// How much larger than its file what was packed may become.
+const MOST: u64 = 64;
+
+/// Reads a scene; `file` is what errors call it, `folder` where its files are.
+pub fn read_pbrt(text: &str, file: &str, folder: &Path, options: ImportOptions) -> Result<Imported> {
+    let assets = Assets::new(folder, options);
+    let opener = assets.clone();
+    let mut importer = Importer {
+        words: Words::new(text, file, &opener),
+        report: Report { lenient: options.lenient, ..Report::default() },
+        assets,
+        scene: SceneDescription::default(),
+        places: Places::default(),
+        samples: None,
+        state: State::default(),
+        stack: Vec::new(),
+        systems: BTreeMap::new(),
+        textures: BTreeMap::new(),
+        group: None,
+        camera: None,
+        materials: 0,
+    };
+    importer.scene.film =
+        rebond::scene::description::FilmDescription { width: 1280, height: 720, ..Default::default() };
+    importer.scene.integrator = path(5);
+    importer.run()?;
+    Ok(Imported {
+        description: importer.scene,
+        files: importer.assets,
+        warnings: importer.report.warnings,
+        samples: importer.samples,
+        places: importer.places,
+    })
+}
+
+/// What a `.gz` file holds.
+pub fn unpack(bytes: &[u8]) -> Result<Vec<u8>, String> {
+    let limit = (bytes.len() as u64).saturating_mul(MOST).max(1 << 20);
+    let mut out = Vec::new();
+    flate2::read::MultiGzDecoder::new(bytes)
+        .take(limit + 1)
+        .read_to_end(&mut out)
+        .map_err(|e| format!("cannot be unpacked: {e}"))?;
+    if out.len() as u64 > limit {
+        return Err(format!("it unpacks to more than {MOST} times its size"));
+    }
+    Ok(out)
+}
+
+fn path(depth: u32) -> IntegratorSettings {
+    IntegratorSettings::Path(PathSettings {
+        max_depth: NonZeroU32::new(depth.saturating_add(1)),
+        ..PathSettings::default()
+    })
+}
+
+/// What attributes save and bring back.
+#[derive(Clone)]
+struct State {
+    matrix: DMat4,
+    /// The name of the material.
+    material: MaterialRef,
+    /// Radiance of what follows, and whether it shines to both sides.
+    light: Option<Color>,
+    reverse: bool,
+}
+
+impl Default for State {
+    fn default() -> Self {
+        let grey = rebond::scene::description::Texture::grey(0.5);
+        Self {
+            matrix: DMat4::IDENTITY,
+            material: materials::two_sided(materials::diffuse(grey)),
+            light: None,
+            reverse: false,
+        }
+    }
+}
+
+struct Importer<'a> {
+    words: Words<'a>,
+    report: Report,
+    assets: Assets,
+    scene: SceneDescription,
+    places: Places,
+    samples: Option<u32>,
+    state: State,
+    stack: Vec<(State, Spot)>,
+    systems: BTreeMap<String, DMat4>,
+    textures: BTreeMap<String, materials::Known>,
+    /// The object that is being defined: its name, and its shapes.
+    group: Option<(String, Vec<ShapeDescription>)>,
+    camera: Option<(String, Parameters, Spot, DMat4)>,
+    materials: usize,
+}
+
+impl Importer<'_> {
+    fn error(&self, at: Spot, message: impl Into<String>) -> Error {
+        self.words.sources.error(at, message)
+    }
+
+    fn unsupported(&mut self, at: Spot, message: impl Into<String>) -> Result<()> {
+        let error = self.error(at, message);
+        self.report.unsupported(error)
+    }
+
+    fn warn(&mut self, at: Spot, message: impl Into<String>) {
+        let error = self.error(at, message);
+        self.report.warn(error);
+    }
+
+    fn finish(&mut self, p: &Parameters, what: &str) -> Result<()> {
+        for unused in p.unused() {
+            self.unsupported(unused.at, format!("\"{}\" means nothing to {what}", unused.name))?;
+        }
+        Ok(())
+    }
+
+    fn number(&self, p: &Parameters, name: &str, default: f64) -> Result<f32> {
+        match p.get(name) {
+            None => Ok(default as f32),
+            Some(q) => match q.numbers[..] {
+                [x] => Ok(x as f32),
+                _ => Err(self.error(q.at, format!("\"{name}\" is one number"))),
+            },
+        }
+    }
+
+    fn count(&self, p: &Parameters, name: &str, default: u32) -> Result<u32> {
+        match p.get(name) {
+            None => Ok(default),
+            Some(q) => match q.numbers[..] {
+                [x] if x >= 0.0 && x.fract() == 0.0 && x <= f64::from(u32::MAX) => Ok(x as u32),
+                _ => Err(self.error(q.at, format!("\"{name}\" is a whole number that is not negative"))),
+            },
+        }
+    }
+
+    fn flag(&self, p: &Parameters, name: &str, default: bool) -> Result<bool> {
+        match p.get(name).map(|q| (q, &q.words[..])) {
+            None => Ok(default),
+            Some((_, [word])) if word == "true" => Ok(true),
+            Some((_, [word])) if word == "false" => Ok(false),
+            Some((q, _)) => Err(self.error(q.at, format!("\"{name}\" is true or false"))),
+        }
+    }
+
+    fn word(&self, p: &Parameters, name: &str) -> Result<Option<(String, Spot)>> {
+        match p.get(name).map(|q| (q, &q.words[..])) {
+            None => Ok(None),
+            Some((q, [word])) => Ok(Some((word.clone(), q.at))),
+            Some((q, _)) => Err(self.error(q.at, format!("\"{name}\" is one string"))),
+        }
+    }
+
+    fn vector(&self, p: &Parameters, name: &str, default: DVec3) -> Result<DVec3> {
+        match p.get(name) {
+            None => Ok(default),
+            Some(q) => match q.numbers[..] {
+                [x, y, z] => Ok(DVec3::new(x, y, z)),
+                _ => Err(self.error(q.at, format!("\"{name}\" is three numbers"))),
+            },
+        }
+    }
+
+    /// Where a file is: in the folder of the file that names it, or the scene's.
+    fn find(&self, name: &str, at: Spot) -> Result<String> {
+        let within =
+            if self.words.folder().is_empty() { name.to_string() } else { format!("{}/{name}", self.words.folder()) };
+        let file = if self.assets.folder().join(&within).is_file() { within } else { name.to_string() };
+        self.assets.path(&file).map_err(|m| self.error(at, m))?;
+        Ok(file)
+    }
+
+    fn run(&mut self) -> Result<()> {
+        while let Some((word, at)) = self.words.next()? {
+            match word {
+                Word::Bare(directive) => self.directive(&directive, at)?,
+                _ => return Err(self.error(at, "expected a directive such as Shape")),
+            }
+        }
+        if let Some((_, at)) = self.stack.last() {
+            return Err(self.error(*at, "this does not end"));
+        }
+        if self.group.is_some() {
+            return self.words.fail("ObjectBegin without ObjectEnd");
+        }
+        self.finish_camera()
+    }
+
+    fn directive(&mut self, directive: &str, at: Spot) -> Result<()> {
+        match directive {
+            "Identity" => self.state.matrix = DMat4::IDENTITY,
+            "Translate" => {
+                let [x, y, z] = self.words.numbers()?;
+                self.state.matrix *= DMat4::from_translation(DVec3::new(x, y, z));
+            }
+            "Scale" => {
+                let [x, y, z] = self.words.numbers()?;
+                self.state.matrix *= DMat4::from_scale(DVec3::new(x, y, z));
+            }
+            "Rotate" => {
+                let [angle, x, y, z] = self.words.numbers()?;
+                let axis = DVec3::new(x, y, z).try_normalize();
+                let axis = axis.ok_or_else(|| self.error(at, "the axis of a rotation is zero"))?;
+                self.state.matrix *= DMat4::from_axis_angle(axis, angle.to_radians());
+            }
+            "LookAt" => {
+                let [ex, ey, ez, lx, ly, lz, ux, uy, uz] = self.words.numbers()?;
+                let (eye, look, up) = (DVec3::new(ex, ey, ez), DVec3::new(lx, ly, lz), DVec3::new(ux, uy, uz));
+                let z = (look - eye).try_normalize().ok_or_else(|| self.error(at, "the eye is where it looks"))?;
+                let x =
+                    up.cross(z).try_normalize().ok_or_else(|| self.error(at, "up is along the direction of view"))?;
+                // pbrt is left-handed: up × forward is right.
+                let place = DMat4::from_cols(x.extend(0.0), z.cross(x).extend(0.0), z.extend(0.0), eye.extend(1.0));
+                self.state.matrix *= place.inverse();
+            }
+            "Transform" | "ConcatTransform" => {
+                let m = DMat4::from_cols_array(&self.words.numbers()?);
+                self.state.matrix = if directive == "Transform" { m } else { self.state.matrix * m };
+            }
+            "CoordinateSystem" => {
+                let (name, _) = self.words.quoted("a name")?;
+                self.systems.insert(name, self.state.matrix);
+            }
+            "CoordSysTransform" => {
+                let (name, at) = self.words.quoted("a name")?;
+                match self.systems.get(&name) {
+                    Some(m) => self.state.matrix = *m,
+                    None => return Err(self.error(at, format!("there is no coordinate system \"{name}\""))),
+                }
+            }
+            "ReverseOrientation" => self.state.reverse = !self.state.reverse,
+            "AttributeBegin" | "TransformBegin" => {
+                if self.stack.len() > DEEPEST {
+                    return Err(self.error(at, format!("more than {DEEPEST} attributes within each other")));
+                }
+                self.stack.push((self.state.clone(), at));
+            }
+            "AttributeEnd" | "TransformEnd" => match self.stack.pop() {
+                Some((state, _)) if directive == "AttributeEnd" => self.state = state,
+                Some((state, _)) => self.state.matrix = state.matrix,
+                None => return Err(self.error(at, format!("{directive} without a beginning"))),
+            },
+            "WorldBegin" => {
+                self.state.matrix = DMat4::IDENTITY;
+                self.systems.insert("world".into(), DMat4::IDENTITY);
+            }
+            "Include" | "Import" => {
+                let (name, at) = self.words.quoted("a file")?;
+                let file = self.find(&name, at)?;
+                self.words.include(&file, at)?;
+            }
+            "ObjectBegin" => {
+                let (name, at) = self.words.quoted("a name")?;
+                if self.group.is_some() || self.scene.groups.contains_key(&name) {
+                    return Err(self.error(at, format!("the object \"{name}\" is within another, or there twice")));
+                }
+                self.stack.push((self.state.clone(), at));
+                self.group = Some((name, Vec::new()));
+            }
+            "ObjectEnd" => {
+                let (Some((name, shapes)), Some((state, _))) = (self.group.take(), self.stack.pop()) else {
+                    return Err(self.error(at, "ObjectEnd without ObjectBegin"));
+                };
+                self.state = state;
+                self.scene.groups.insert(name, shapes);
+            }
+            "ObjectInstance" => {
+                let (name, at) = self.words.quoted("a name")?;
+                if self.group.is_some() {
+                    return self.unsupported(at, "an instance within an object");
+                }
+                let instance = InstanceDescription { group: name, to_world: steps(self.state.matrix) };
+                self.push(at, ShapeDescription::Instance(instance));
+            }
+            "Camera" => {
+                let (kind, at) = self.words.quoted("a camera")?;
+                let parameters = self.words.parameters()?;
+                // The matrix takes the world to the camera.
+                self.systems.insert("camera".into(), self.state.matrix.inverse());
+                self.camera = Some((kind, parameters, at, self.state.matrix.inverse()));
+            }
+            "Film" => self.film()?,
+            "Sampler" => self.sampler()?,
+            "Integrator" => self.integrator()?,
+            "PixelFilter" => self.filter()?,
+            "Shape" => self.shape()?,
+            "Material" | "MakeNamedMaterial" => self.material(directive == "MakeNamedMaterial")?,
+            "NamedMaterial" => {
+                let (name, _) = self.words.quoted("a name")?;
+                self.state.material = MaterialRef::Named(name);
+            }
+            "Texture" => self.define_texture()?,
+            "LightSource" => self.light()?,
+            "AreaLightSource" => {
+                let (kind, at) = self.words.quoted("a light")?;
+                let p = self.words.parameters()?;
+                if kind != "diffuse" {
+                    self.unsupported(at, format!("the area light \"{kind}\" is not supported"))?;
+                    return Ok(());
+                }
+                if let Some((_, at)) = self.word(&p, "filename")? {
+                    self.unsupported(at, "an image that shines")?;
+                }
+                if self.flag(&p, "twosided", false)? {
+                    self.unsupported(at, "a light that shines to both sides: it shines to that of its normal")?;
+                }
+                self.power(&p)?;
+                self.state.light = Some(self.emitted(&p, "L")?);
+                self.finish(&p, "an area light")?;
+            }
+            "Accelerator" | "ColorSpace" | "Option" => {
+                // How pbrt finds hits and what else only it has; colours are Rec. 709 unless told otherwise.
+                if directive == "Option" {
+                    self.words.parameters()?;
+                } else {
+                    let (name, at) = self.words.quoted("a name")?;
+                    self.words.parameters()?;
+                    if directive == "ColorSpace" && name != "srgb" {
+                        self.unsupported(at, format!("the colour space \"{name}\": sRGB's primaries are"))?;
+                    }
+                }
+            }
+            "MediumInterface" | "MakeNamedMedium" => {
+                self.unsupported(at, "media are not supported")?;
+                while let Some(Word::Quoted(_)) = self.words.peek()? {
+                    // Names of media have no type; what follows them does.
+                    if directive == "MediumInterface" {
+                        self.words.next()?;
+                    } else {
+                        self.words.next()?;
+                        self.words.parameters()?;
+                    }
+                }
+            }
+            "Attribute" => {
+                self.unsupported(at, "parameters that hold for all that follows")?;
+                self.words.quoted("what they are for")?;
+                self.words.parameters()?;
+            }
+            "ActiveTransform" | "TransformTimes" => {
+                self.unsupported(at, "motion")?;
+                while matches!(self.words.peek()?, Some(Word::Bare(w)) if w.parse::<f64>().is_ok() || matches!(&**w, "All" | "StartTime" | "EndTime"))
+                {
+                    self.words.next()?;
+                }
+            }
+            _ => return Err(self.error(at, format!("{directive} is no directive of pbrt-v4"))),
+        }
+        Ok(())
+    }
+
+    fn push(&mut self, at: Spot, shape: ShapeDescription) {
+        let path = match &self.group {
+            Some((name, shapes)) => format!("groups.{name}[{}]", shapes.len()),
+            None => format!("shapes[{}]", self.scene.shapes.len()),
+        };
+        let place = self.error(at, "");
+        self.places.note(path, place);
+        match &mut self.group {
+            Some((_, shapes)) => shapes.push(shape),
+            None => self.scene.shapes.push(shape),
+        }
+    }
+
+    // ---- light ----
+
+    /// A given power is not heeded.
+    fn power(&mut self, p: &Parameters) -> Result<()> {
+        for name in ["power", "illuminance"] {
+            if let Some(q) = p.get(name) {
+                self.unsupported(q.at, format!("a light given by its {name}"))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// What a light sends out, of luminance `scale` if it is a spectrum.
+    fn emitted(&mut self, p: &Parameters, name: &str) -> Result<Color> {
+        let scale = self.number(p, "scale", 1.0)?;
+        let color = match p.get(name) {
+            None => [1.0; 3],
+            Some(q) => self.light_color(q)?,
+        };
+        Ok(Color(color.map(|x| x as f32 * scale)))
+    }
+
+    fn light_color(&mut self, q: &Parameter) -> Result<[f64; 3]> {
+        let of_luminance_one = |c: [f64; 3]| {
+            let y = 0.212_671 * c[0] + 0.715_160 * c[1] + 0.072_169 * c[2];
+            if y > 0.0 { c.map(|x| x / y) } else { c }
+        };
+        match (&*q.kind, &q.numbers[..], &q.words[..]) {
+            ("rgb", &[r, g, b], _) => Ok([r, g, b]),
+            ("blackbody", &[t], _) if t > 0.0 => Ok(of_luminance_one(spectra::blackbody(t))),
+            ("spectrum", pairs, []) if !pairs.is_empty() => {
+                let samples = self.samples(q)?;
+                Ok(of_luminance_one(spectra::of_samples(&samples, spectra::Use::Light)))
+            }
+            ("spectrum", _, [name]) if name.starts_with("stdillum-D65") => Ok([1.0; 3]),
+            ("spectrum", _, [name]) => {
+                self.unsupported(q.at, format!("the spectrum \"{name}\": white is"))?;
+                Ok([1.0; 3])
+            }
+            _ => Err(self.error(q.at, format!("\"{}\" is a colour: rgb, blackbody or spectrum", q.name))),
+        }
+    }
+
+    fn samples(&self, q: &Parameter) -> Result<Vec<(f64, f64)>> {
+        let samples: Vec<(f64, f64)> = q.numbers.chunks_exact(2).map(|p| (p[0], p[1])).collect();
+        if !q.numbers.len().is_multiple_of(2) || !samples.windows(2).all(|p| p[0].0 < p[1].0) {
+            return Err(self.error(q.at, "a spectrum is pairs of growing wavelengths and values"));
+        }
+        Ok(samples)
+    }
+
+    fn light(&mut self) -> Result<()> {
+        let (kind, at) = self.words.quoted("a light")?;
+        let p = self.words.parameters()?;
+        self.power(&p)?;
+        let m = self.state.matrix;
+        let point = |p: DVec3| m.transform_point3(p);
+        let (from, to) = (self.vector(&p, "from", DVec3::ZERO)?, self.vector(&p, "to", DVec3::Z)?);
+        let array = |v: DVec3| v.as_vec3().to_array();
+        let emitter = match &*kind {
+            "point" => {
+                let intensity = self.emitted(&p, "I")?;
+                EmitterDescription::Point { position: array(point(from)), to_world: Transform::default(), intensity }
+            }
+            "distant" => {
+                let irradiance = self.emitted(&p, "L")?;
+                EmitterDescription::Directional { direction: array(m.transform_vector3(to - from)), irradiance }
+            }
+            "spot" => {
+                let (cone, delta) = (self.number(&p, "coneangle", 30.0)?, self.number(&p, "conedeltaangle", 5.0)?);
+                let intensity = self.emitted(&p, "I")?;
+                self.warn(at, "towards its edge a spot's light falls off linearly with the angle");
+                let Some(z) = m.transform_vector3(to - from).try_normalize() else {
+                    return Err(self.error(at, "a spot that points nowhere"));
+                };
+                let (x, y) = z.any_orthonormal_pair();
+                let place = DMat4::from_cols(x.extend(0.0), y.extend(0.0), z.extend(0.0), point(from).extend(1.0));
+                EmitterDescription::Spot {
+                    to_world: steps(place),
+                    intensity,
+                    cutoff_angle: cone,
+                    beam_width: Some((cone - delta).max(0.0)),
+                }
+            }
+            "infinite" if p.get("filename").is_none() => {
+                EmitterDescription::Constant { radiance: self.emitted(&p, "L")? }
+            }
+            "infinite" => {
+                let Some((name, at)) = self.word(&p, "filename")? else { return Ok(()) };
+                let file = self.find(&name, at)?;
+                let scale = self.number(&p, "scale", 1.0)?;
+                self.warn(at, "its square is resampled to an equirectangular image");
+                let image = shapes::sky(&self.assets, &file).map_err(|m| self.error(at, format!("\"{file}\": {m}")))?;
+                let file = self.assets.add_image("sky", image);
+                // The image's z is up, and x where φ is 0; rebond's y is up, and −z its centre.
+                let axes =
+                    DMat4::from_cols(DVec3::Y.extend(0.0), DVec3::Z.extend(0.0), DVec3::X.extend(0.0), glam::DVec4::W);
+                let mut turned = m * axes;
+                turned.w_axis = glam::DVec4::W;
+                EmitterDescription::Envmap { file, scale, blur: None, to_world: steps(turned) }
+            }
+            _ => {
+                self.unsupported(at, format!("the light \"{kind}\" is not supported"))?;
+                return Ok(());
+            }
+        };
+        self.finish(&p, &format!("the light \"{kind}\""))?;
+        let place = self.error(at, "");
+        self.places.note(format!("emitters[{}]", self.scene.emitters.len()), place);
+        self.scene.emitters.push(emitter);
+        Ok(())
+    }
+
+    // ---- what comes before the world ----
+
+    fn finish_camera(&mut self) -> Result<()> {
+        let Some((kind, p, at, place)) = self.camera.take() else {
+            return self.words.fail("the scene has no Camera");
+        };
+        let (w, h) = (f64::from(self.scene.film.width), f64::from(self.scene.film.height));
+        // pbrt's x goes right.
+        let m = place * DMat4::from_scale(DVec3::new(-1.0, 1.0, 1.0));
+        for name in ["screenwindow", "frameaspectratio"] {
+            if let Some(q) = p.get(name) {
+                self.unsupported(q.at, format!("a camera's {name}"))?;
+            }
+        }
+        let (shutter_open, shutter_close) =
+            (self.number(&p, "shutteropen", 0.0)?, self.number(&p, "shutterclose", 1.0)?);
+        // Nothing moves: when it is open does not matter.
+        let (shutter_open, shutter_close) =
+            if shutter_open <= shutter_close { (0.0, 0.0) } else { (shutter_open, shutter_close) };
+        let radius = self.number(&p, "lensradius", 0.0)?;
+        let focus = self.number(&p, "focaldistance", 1e6)?;
+        let to_world = steps(m);
+        let camera = match &*kind {
+            "perspective" => {
+                let fov = self.number(&p, "fov", 90.0)?;
+                let fov_axis = FovAxis::Smaller;
+                if radius > 0.0 {
+                    CameraDescription::ThinLens {
+                        to_world,
+                        fov,
+                        fov_axis,
+                        near_clip: 0.0,
+                        aperture_radius: radius,
+                        aperture_blades: 0,
+                        aperture_rotation: 0.0,
+                        focus_distance: focus,
+                        shutter_open,
+                        shutter_close,
+                    }
+                } else {
+                    CameraDescription::Perspective {
+                        to_world,
+                        fov,
+                        fov_axis,
+                        near_clip: 0.0,
+                        shutter_open,
+                        shutter_close,
+                    }
+                }
+            }
+            "orthographic" => {
+                if radius > 0.0 {
+                    self.unsupported(at, "a lens of an orthographic camera")?;
+                }
+                let scale = (w / h).max(1.0);
+                let to_world = steps(m * DMat4::from_scale(DVec3::new(scale, scale, 1.0)));
+                CameraDescription::Orthographic { to_world, shutter_open, shutter_close }
+            }
+            _ => {
+                self.unsupported(at, format!("the camera \"{kind}\" is not supported"))?;
+                CameraDescription::default()
+            }
+        };
+        self.finish(&p, &format!("the camera \"{kind}\""))?;
+        let place = self.error(at, "");
+        self.places.note("camera", place);
+        self.scene.camera = camera;
+        Ok(())
+    }
+
+    fn film(&mut self) -> Result<()> {
+        let (kind, at) = self.words.quoted("a film")?;
+        let p = self.words.parameters()?;
+        if !matches!(&*kind, "rgb" | "gbuffer") {
+            self.unsupported(at, format!("the film \"{kind}\" is not supported"))?;
+        }
+        (self.scene.film.width, self.scene.film.height) =
+            (self.count(&p, "xresolution", 1280)?, self.count(&p, "yresolution", 720)?);
+        for name in ["filename", "diagonal", "savefp16", "coordinatesystem"] {
+            // How pbrt writes its picture.
+            let _ = p.get(name);
+        }
+        for name in ["cropwindow", "pixelbounds", "sensor", "iso", "exposuretime", "whitebalance", "maxcomponentvalue"]
+        {
+            if let Some(q) = p.get(name)
+                && q.words[..] != ["cie1931"]
+            {
+                self.unsupported(q.at, format!("a film's {name}"))?;
+            }
+        }
+        let place = self.error(at, "");
+        self.places.note("film", place);
+        self.finish(&p, "a film")
+    }
+
+    fn filter(&mut self) -> Result<()> {
+        let (kind, at) = self.words.quoted("a filter")?;
+        let p = self.words.parameters()?;
+        let (dx, third) = (
+            if kind == "box" {
+                0.5
+            } else if kind == "gaussian" {
+                1.5
+            } else {
+                2.0
+            },
+            1.0 / 3.0,
+        );
+        let (x, y) = (self.number(&p, "xradius", dx)?, self.number(&p, "yradius", dx)?);
+        if x != y {
+            self.unsupported(at, "a filter that is wider one way than the other")?;
+        }
+        self.scene.film.filter = match &*kind {
+            "box" => FilterSettings::Box { radius: x },
+            "triangle" => FilterSettings::Tent { radius: x },
+            "gaussian" => {
+                let sigma = self.number(&p, "sigma", 0.5)?;
+                if (x - 4.0 * sigma).abs() > 1e-3 {
+                    self.warn(at, "a Gaussian is cut off at four standard deviations");
+                }
+                FilterSettings::Gaussian { stddev: sigma }
+            }
+            "mitchell" if x == 2.0 => {
+                FilterSettings::Mitchell { b: self.number(&p, "B", third)?, c: self.number(&p, "C", third)? }
+            }
+            _ => {
+                self.unsupported(at, format!("the filter \"{kind}\" of this width is not supported"))?;
+                return Ok(());
+            }
+        };
+        self.finish(&p, &format!("the filter \"{kind}\""))
+    }
+
+    fn sampler(&mut self) -> Result<()> {
+        let (kind, at) = self.words.quoted("a sampler")?;
+        let p = self.words.parameters()?;
+        let mut samples = self.count(&p, "pixelsamples", 16)?;
+        self.scene.sampler = match &*kind {
+            "independent" => SamplerSettings::Independent {},
+            "stratified" => {
+                samples = self.count(&p, "xsamples", 4)?.saturating_mul(self.count(&p, "ysamples", 4)?);
+                SamplerSettings::Stratified { samples: 0 }
+            }
+            // All are low-discrepancy sequences.
+            "halton" | "sobol" | "paddedsobol" | "zsobol" | "pmj02bn" => SamplerSettings::Sobol {},
+            _ => {
+                self.unsupported(at, format!("the sampler \"{kind}\" is not supported"))?;
+                SamplerSettings::Sobol {}
+            }
+        };
+        for name in ["seed", "randomization", "jitter"] {
+            let _ = p.get(name);
+        }
+        self.samples = Some(samples.max(1));
+        self.finish(&p, &format!("the sampler \"{kind}\""))
+    }
+
+    fn integrator(&mut self) -> Result<()> {
+        let (kind, at) = self.words.quoted("an integrator")?;
+        let p = self.words.parameters()?;
+        let depth = self.count(&p, "maxdepth", 5)?;
+        let max_depth = NonZeroU32::new(depth.saturating_add(1));
+        for name in [
+            "lightsampler",
+            "regularize",
+            "rrthreshold",
+            "samplelights",
+            "samplebsdf",
+            "visualizestrategies",
+            "visualizeweights",
+        ] {
+            if let Some(q) = p.get(name)
+                && name == "regularize"
+                && q.words[..] == ["true"]
+            {
+                self.unsupported(q.at, "regularised materials")?;
+            }
+        }
+        self.scene.integrator = match &*kind {
+            "path" | "volpath" | "simplepath" | "randomwalk" => path(depth),
+            "bdpt" => IntegratorSettings::Bidirectional(BidirectionalSettings {
+                max_depth,
+                ..BidirectionalSettings::default()
+            }),
+            "lightpath" => IntegratorSettings::Light(LightSettings { max_depth, ..LightSettings::default() }),
+            _ => {
+                self.unsupported(at, format!("the integrator \"{kind}\": path is"))?;
+                path(depth)
+            }
+        };
+        let place = self.error(at, "");
+        self.places.note("integrator", place);
+        self.finish(&p, &format!("the integrator \"{kind}\""))
+    }
+}
+
+#[cfg(test)]
+mod tests;

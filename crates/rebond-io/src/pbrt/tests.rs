@@ -1,0 +1,282 @@
+use super::*;
+use crate::SceneSource;
+use rebond::shape::MeshData;
+
+fn folder() -> std::path::PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/mitsuba/parts")
+}
+
+fn strict(text: &str) -> Result<Imported> {
+    read_pbrt(text, "a.pbrt", &folder(), ImportOptions::default())
+}
+
+fn read(text: &str) -> Imported {
+    strict(text).unwrap_or_else(|e| panic!("{}", e.snippet()))
+}
+
+fn toml(text: &str) -> SceneDescription {
+    crate::from_toml(text, "").unwrap_or_else(|e| panic!("{}", e.snippet())).0
+}
+
+/// The matrix of a transform, for comparisons of what is multiplied out.
+fn near(a: &Transform, b: &Transform) -> bool {
+    let (a, b) = (a.matrix("", "").expect("a matrix"), b.matrix("", "").expect("a matrix"));
+    a.abs_diff_eq(b, 1e-5)
+}
+
+const CAMERA: &str = "Camera \"perspective\"\n";
+
+#[test]
+fn a_scene_is_what_toml_says() {
+    let scene = read(
+        r#"# a comment
+LookAt 0 0 5  0 0 0  0 1 0
+Camera "perspective" "float fov" [30] # after something
+Film "rgb" "integer xresolution" [60] "integer yresolution" 40 "string filename" "a.exr"
+Sampler "zsobol" "integer pixelsamples" [32]
+Integrator "volpath" "integer maxdepth" 7
+PixelFilter "triangle" "float xradius" 1 "float yradius" 1
+WorldBegin
+MakeNamedMaterial "red" "string type" "diffuse" "rgb reflectance" [ 0.5 0.2 0.1 ]
+AttributeBegin
+  Translate 1 2 3
+  AreaLightSource "diffuse" "rgb L" [ 4 5 6 ] "float scale" 2
+  NamedMaterial "red"
+  Shape "sphere" "float radius" 0.5
+AttributeEnd
+AttributeBegin
+  Scale 2 2 2
+  ReverseOrientation
+  Material "dielectric" "float eta" 1.25 "float roughness" 0.04
+  Shape "disk" "float radius" 3 "float height" 1
+AttributeEnd
+Shape "plymesh" "string filename" "lump.ply"
+LightSource "distant" "rgb L" [1 2 3] "point3 from" [0 10 0] "point3 to" [0 0 0]
+LightSource "point" "rgb I" 7 "point3 from" [1 1 1]
+"#
+        .replace("\"rgb I\" 7", "\"rgb I\" [7 7 7]")
+        .as_str(),
+    );
+    assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
+    assert_eq!(scene.samples, Some(32));
+    let wanted = toml(
+        r#"
+        film = { width = 60, height = 40, filter = { type = "tent", radius = 1 } }
+        sampler = { type = "sobol" }
+        integrator = { type = "path", max_depth = 8 }
+        materials.red = { type = "two-sided", front = { type = "diffuse", reflectance = [0.5, 0.2, 0.1] } }
+        materials."dielectric 1" = { type = "dielectric", int_ior = 1.25, ext_ior = 1, alpha = 0.2 }
+        [camera]
+        type = "perspective"
+        fov = 30
+        fov_axis = "smaller"
+        to_world.matrix = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1, 5]]
+        [[shapes]]
+        type = "sphere"
+        radius = 0.5
+        material = "red"
+        emission = [8, 10, 12]
+        to_world.matrix = [[1, 0, 0, 1], [0, 1, 0, 2], [0, 0, 1, 3]]
+        [[shapes]]
+        type = "disk"
+        flip_normals = true
+        material = "dielectric 1"
+        to_world.matrix = [[6, 0, 0, 0], [0, 6, 0, 0], [0, 0, 2, 2]]
+        [[shapes]]
+        type = "ply"
+        file = "lump.ply"
+        material = { type = "two-sided", front = { type = "diffuse", reflectance = 0.5 } }
+        [[emitters]]
+        type = "directional"
+        direction = [0, -10, 0]
+        irradiance = [1, 2, 3]
+        [[emitters]]
+        type = "point"
+        position = [1, 1, 1]
+        intensity = 7
+    "#,
+    );
+    let found = &scene.description;
+    assert_eq!((&found.film, &found.sampler, &found.integrator), (&wanted.film, &wanted.sampler, &wanted.integrator));
+    assert_eq!(found.materials, wanted.materials);
+    assert_eq!((&found.shapes, &found.emitters), (&wanted.shapes, &wanted.emitters));
+    match (&found.camera, &wanted.camera) {
+        (
+            CameraDescription::Perspective { to_world: a, fov, fov_axis, .. },
+            CameraDescription::Perspective { to_world: b, fov: f, fov_axis: x, .. },
+        ) => assert!(near(a, b) && (fov, fov_axis) == (f, x), "{a:?}"),
+        other => panic!("{other:?}"),
+    }
+    SceneSource::imported(scene, "a").build().unwrap_or_else(|e| panic!("{}", e.snippet()));
+}
+
+#[test]
+fn what_is_to_the_right_is_seen_on_the_right() {
+    // pbrt's camera looks along +z with +x to the right: a lamp at x > 0 is on the picture's right.
+    let scene = read(
+        r#"Camera "perspective" "float fov" 90 Film "rgb" "integer xresolution" 2 "integer yresolution" 1 PixelFilter "box"
+Sampler "independent" WorldBegin AttributeBegin Translate 1 0 1 AreaLightSource "diffuse" "rgb L" [1 1 1] Shape "sphere" "float radius" 0.4 AttributeEnd"#,
+    );
+    let source = SceneSource::imported(scene, "a");
+    let scene = source.build().expect("a scene");
+    let look = |x: f32| scene.camera().ray([x, 0.5_f32], [0.5; 2], 0.0).d.array();
+    assert!(look(1.5)[0] > 0.0 && look(0.5)[0] < 0.0, "{:?}", look(1.5));
+}
+
+#[test]
+fn objects_are_placed_and_attributes_come_back() {
+    let scene = read(&format!(
+        r#"{CAMERA}WorldBegin
+AttributeBegin Translate 5 0 0 ObjectBegin "pair" Shape "sphere" Translate 0 1 0 Shape "sphere" ObjectEnd AttributeEnd
+AttributeBegin Rotate 90 0 0 1 ObjectInstance "pair" AttributeEnd
+TransformBegin Translate 1 0 0 Material "thindielectric" TransformEnd Shape "sphere"
+CoordinateSystem "here" Translate 3 3 3 CoordSysTransform "here" Shape "cylinder" "float zmin" 0 "float zmax" 2 "float radius" 3"#
+    ));
+    let d = &scene.description;
+    assert_eq!((d.groups["pair"].len(), d.shapes.len()), (2, 3));
+    let at = |s: &ShapeDescription| match s {
+        ShapeDescription::Sphere(s) => s.to_world.matrix("", "").expect("a matrix").translation,
+        _ => panic!("a sphere"),
+    };
+    assert_eq!(
+        (at(&d.groups["pair"][0]), at(&d.groups["pair"][1])),
+        (DVec3::new(5.0, 0.0, 0.0), DVec3::new(5.0, 1.0, 0.0))
+    );
+    assert_eq!(at(&d.shapes[1]), DVec3::ZERO, "TransformEnd brings back the matrix, not the material");
+    assert!(
+        matches!(&d.shapes[1], ShapeDescription::Sphere(s) if s.material == Some(MaterialRef::Named("thindielectric 1".into())))
+    );
+    assert_eq!(scene.warnings.len(), 1, "the cylinder");
+    SceneSource::imported(scene, "a").build().unwrap_or_else(|e| panic!("{}", e.snippet()));
+}
+
+#[test]
+fn meshes_of_every_kind() {
+    let mesh = |text: &str| {
+        let scene = read(&format!("{CAMERA}WorldBegin Shape {text}"));
+        let mesh = scene.files.meshes.values().next().map(|m| MeshData::clone(m)).expect("a mesh");
+        SceneSource::imported(scene, "a").build().unwrap_or_else(|e| panic!("{}", e.snippet()));
+        mesh
+    };
+    let corners = "\"point3 P\" [0 0 0  1 0 0  0 1 0  1 1 0]";
+    let triangles =
+        mesh(&format!(r#""trianglemesh" {corners} "integer indices" [0 1 3 0 3 2] "point2 uv" [0 0 1 0 0 1 1 1]"#));
+    assert_eq!(triangles.triangles, [[0, 1, 3], [0, 3, 2]]);
+    assert_eq!(triangles.uvs.expect("coordinates")[3], [1.0, 1.0]);
+    let patch = mesh(&format!(r#""bilinearmesh" {corners}"#));
+    assert_eq!((patch.triangles.len(), patch.normals.expect("normals")[0]), (2, [0.0, 0.0, 1.0]));
+    let solid = r#""loopsubdiv" "integer levels" 2 "point3 P" [1 0 0 -1 0 0 0 1 0 0 -1 0 0 0 1 0 0 -1]
+        "integer indices" [0 2 4 2 1 4 1 3 4 3 0 4 2 0 5 1 2 5 3 1 5 0 3 5]"#;
+    assert_eq!(mesh(solid).triangles.len(), 8 * 16);
+    // A packed PLY file, and one that is a bomb.
+    let folder = tempfile::tempdir().expect("a folder");
+    let pack = |name: &str, bytes: &[u8]| {
+        let mut z = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::best());
+        std::io::Write::write_all(&mut z, bytes).expect("in memory");
+        std::fs::write(folder.path().join(name), z.finish().expect("in memory")).expect("a file");
+    };
+    pack("a.ply.gz", &crate::write_ply(&MeshData::cube()));
+    pack("bomb.ply.gz", &vec![0; 1 << 24]);
+    let open = |name: &str| {
+        let text = format!("{CAMERA}WorldBegin Shape \"plymesh\" \"string filename\" \"{name}\"");
+        read_pbrt(&text, "a.pbrt", folder.path(), ImportOptions::default())
+    };
+    assert_eq!(MeshData::clone(&open("a.ply.gz").expect("a scene").files.meshes["mesh.ply"]), MeshData::cube());
+    assert!(open("bomb.ply.gz").expect_err("a bomb").message.contains("unpacks to more than 64 times its size"));
+}
+
+#[test]
+fn materials_textures_and_spectra() {
+    let describe = |text: &str| {
+        let scene = read(&format!("{CAMERA}WorldBegin {text} Shape \"disk\""));
+        let source = SceneSource::imported(scene, "a");
+        source.build().unwrap_or_else(|e| panic!("{}", e.snippet()));
+        source.description
+    };
+    let is = |text: &str, wanted: &str| {
+        let materials = describe(text).materials;
+        let wanted = toml(&format!("materials.m = {wanted}")).materials.remove("m").expect("m");
+        assert_eq!(materials.values().next(), Some(&wanted), "{text}");
+    };
+    is(
+        r#"Material "conductor" "rgb eta" [1 2 3] "rgb k" [4 5 6] "float roughness" 0.25 "bool remaproughness" false"#,
+        "{ type = \"two-sided\", front = { type = \"conductor\", eta = [1, 2, 3], k = [4, 5, 6], alpha = 0.25 } }",
+    );
+    is(
+        r#"Material "conductor" "rgb eta" [1 2 3] "rgb k" [4 5 6] "float uroughness" 0.25 "float vroughness" 0.04"#,
+        "{ type = \"two-sided\", front = { type = \"conductor\", eta = [1, 2, 3], k = [4, 5, 6], alpha = 0.5, alpha_u = 0.5, alpha_v = 0.2 } }",
+    );
+    is(
+        r#"MakeNamedMaterial "a" "string type" "diffuse" MakeNamedMaterial "b" "string type" "diffuse" "rgb reflectance" [1 0 0]
+           Material "mix" "string materials" ["a" "b"] "float amount" 0.25"#,
+        "{ type = \"two-sided\", front = { type = \"diffuse\" } }",
+    );
+    is(
+        r#"Texture "t" "spectrum" "imagemap" "string filename" "quarters.png" "float uscale" 2 "string wrap" "clamp" "string filter" "point"
+           Texture "u" "spectrum" "scale" "texture tex" "t" "float scale" 1 Material "diffuse" "texture reflectance" "u""#,
+        "{ type = \"two-sided\", front = { type = \"diffuse\", reflectance = { image = \"quarters.png\", wrap = \"clamp\", filter = \"nearest\", to_uv = [[2, 0, 0], [0, 1, 0]] } } }",
+    );
+    is(
+        r#"Material "interface""#,
+        "{ type = \"mask\", opacity = 0, material = { type = \"diffuse\", reflectance = 0 } }",
+    );
+    // Gold by name is Mitsuba's gold; glass by name is one number, with a warning.
+    let gold = describe(r#"Material "conductor" "spectrum eta" "metal-Au-eta" "spectrum k" "metal-Au-k""#);
+    let text = format!("{:?}", gold.materials);
+    assert!(text.contains("0.143") && text.contains("3.983"), "{text}");
+    // A black body's light has the luminance that its scale says.
+    let scene = describe(r#"LightSource "infinite" "blackbody L" 4000 "float scale" 3"#);
+    let EmitterDescription::Constant { radiance: Color([r, g, b]) } = scene.emitters[0] else { panic!("a sky") };
+    assert!((0.212_671 * r + 0.715_16 * g + 0.072_169 * b - 3.0).abs() < 1e-4 && r > g && g > b);
+    // A masked shape.
+    let masked = describe(
+        r#"Texture "holes" "float" "imagemap" "string filename" "holes.png" Shape "trianglemesh" "point3 P" [0 0 0 1 0 0 0 1 0] "texture alpha" "holes""#,
+    );
+    let ShapeDescription::Ply(shape) = &masked.shapes[0] else { panic!("a mesh") };
+    assert!(format!("{:?}", shape.material).contains("Mask"));
+}
+
+#[test]
+fn mistakes_have_their_places() {
+    let fails = |text: &str| {
+        let error = match strict(&format!("{CAMERA}WorldBegin {text}")) {
+            Err(e) => e,
+            Ok(scene) => SceneSource::imported(scene, "a").build().map(|_| ()).expect_err(text),
+        };
+        assert_eq!((error.line(), error.file.as_deref()), (Some(2), Some("a.pbrt")), "{error}");
+        (error.column().unwrap_or(0), error.message)
+    };
+    let say = |column: usize, message: &str| (column, message.to_string());
+    assert_eq!(fails("Shap \"sphere\""), say(12, "Shap is no directive of pbrt-v4"));
+    assert_eq!(fails("Shape \"bunny\""), say(18, "the shape \"bunny\" is not supported"));
+    assert_eq!(
+        fails("Shape \"sphere\" \"float radios\" 2"),
+        say(27, "\"radios\" means nothing to the shape \"sphere\"")
+    );
+    assert_eq!(fails("Shape \"sphere\" \"float radius\" two"), say(42, "\"two\" is not a number"));
+    assert_eq!(fails("Shape \"sphere\" \"float radius\" -2"), say(18, "a sphere of radius -2"));
+    assert_eq!(fails("Translate 1 2"), say(24, "expected 3 numbers"));
+    assert_eq!(fails("Material \"diffuse"), say(21, "a quote without its end"));
+    assert_eq!(fails("AttributeEnd"), say(12, "AttributeEnd without a beginning"));
+    assert_eq!(fails("AttributeBegin"), say(12, "this does not end"));
+    assert_eq!(fails("Include \"no.pbrt\"").0, 20);
+    assert!(fails("Include \"../../../../src/lib.rs\"").1.contains("--allow-outside"));
+    assert_eq!(
+        fails("Shape \"trianglemesh\" \"point3 P\" [0 0 0 1 0 0 0 1 0] \"integer indices\" [0 1 3]").1,
+        "an index that is none of the 3 points"
+    );
+    assert!(strict("WorldBegin").is_err_and(|e| e.message == "the scene has no Camera"));
+    let folder = tempfile::tempdir().expect("a folder");
+    std::fs::write(folder.path().join("b.pbrt"), "Include \"b.pbrt\" Include \"b.pbrt\"").expect("a file");
+    let error = read_pbrt("Include \"b.pbrt\"", "a.pbrt", folder.path(), ImportOptions::default()).expect_err("no end");
+    assert!(error.message.contains("files within files without end"), "{error}");
+    let lenient = ImportOptions { lenient: true, ..ImportOptions::default() };
+    let scene = read_pbrt(
+        &format!("{CAMERA}WorldBegin Shape \"curve\" \"float width\" 1 Shape \"sphere\""),
+        "a.pbrt",
+        folder.path(),
+        lenient,
+    );
+    let scene = scene.unwrap_or_else(|e| panic!("{}", e.snippet()));
+    assert_eq!((scene.warnings.len(), scene.description.shapes.len()), (1, 1), "{:?}", scene.warnings);
+}

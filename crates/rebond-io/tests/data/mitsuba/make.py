@@ -1,0 +1,133 @@
+"""Makes the files that the scenes here name: small meshes and images. Needs nothing but Python.
+
+    python3 make.py
+"""
+
+import math
+import struct
+import zlib
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent / "parts"
+
+
+def png(path, rows):
+    """8-bit RGB rows of (r, g, b)."""
+
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    raw = b"".join(b"\0" + bytes(x for pixel in row for x in pixel) for row in rows)
+    header = struct.pack(">IIBBBBB", len(rows[0]), len(rows), 8, 2, 0, 0, 0)
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(raw)) + chunk(b"IEND", b""))
+
+
+def pfm(path, rows):
+    """Rows from the top."""
+    data = b"".join(struct.pack("<3f", *pixel) for row in reversed(rows) for pixel in row)
+    path.write_bytes(f"PF\n{len(rows[0])} {len(rows)}\n-1.0\n".encode() + data)
+
+
+def lump(u, v):
+    """A lumpy closed surface: no symmetry that could hide a mistake. v from the south pole to the north."""
+    phi, theta = 2 * math.pi * u, math.pi * v
+    r = 1 + 0.15 * math.sin(3 * phi) * math.sin(theta) ** 3 + 0.1 * math.cos(theta)
+    return (r * math.sin(theta) * math.cos(phi), r * math.sin(theta) * math.sin(phi), -r * math.cos(theta))
+
+
+def surface(n, m):
+    """Vertices, texture coordinates and quadrilaterals, counter-clockwise from outside."""
+    points = [lump(i / n, j / m) for j in range(m + 1) for i in range(n + 1)]
+    uvs = [(i / n, j / m) for j in range(m + 1) for i in range(n + 1)]
+    at = lambda i, j: j * (n + 1) + i
+    faces = [(at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)) for j in range(m) for i in range(n)]
+    return points, uvs, faces
+
+
+def unit(v):
+    length = math.sqrt(sum(x * x for x in v)) or 1
+    return tuple(x / length for x in v)
+
+
+def normals(points):
+    """Not the surface's own, but smooth and its own look: what a file says counts."""
+    return [unit((p[0], p[1], 0.8 * p[2])) for p in points]
+
+
+def obj(path, with_normals):
+    points, uvs, faces = surface(24, 12)
+    lines = ["# a lump"] + ["v %.6f %.6f %.6f" % p for p in points] + ["vt %.6f %.6f" % t for t in uvs]
+    if with_normals:
+        lines += ["vn %.6f %.6f %.6f" % n for n in normals(points)]
+    corner = (lambda i: f"{i + 1}/{i + 1}/{i + 1}") if with_normals else (lambda i: f"{i + 1}/{i + 1}")
+    # No faces without area at the poles.
+    triangles = [t for f in faces for t in ((f[0], f[1], f[2]), (f[0], f[2], f[3])) if len({points[i] for i in t}) == 3]
+    lines += ["f " + " ".join(map(corner, t)) for t in triangles]
+    path.write_text("\n".join(lines) + "\n")
+
+
+def ply(path, with_normals):
+    points, uvs, faces = surface(24, 12)
+    triangles = [t for f in faces for t in ((f[0], f[1], f[2]), (f[0], f[2], f[3]))]
+    columns = ["x", "y", "z"] + (["nx", "ny", "nz"] if with_normals else []) + ["u", "v"]
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
+    header += [f"property float {c}" for c in columns]
+    header += [f"element face {len(triangles)}", "property list uchar int vertex_indices", "end_header", ""]
+    data = "\n".join(header).encode()
+    for p, n, t in zip(points, normals(points), uvs):
+        row = p + (n if with_normals else ()) + t
+        data += struct.pack(f"<{len(row)}f", *row)
+    for t in triangles:
+        data += struct.pack("<B3i", 3, *t)
+    path.write_bytes(data)
+
+
+def serialized(path):
+    """Two meshes: the lump without normals in double precision, and a pyramid in single precision."""
+    points, uvs, faces = surface(24, 12)
+    triangles = [t for f in faces for t in ((f[0], f[1], f[2]), (f[0], f[2], f[3]))]
+    base = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0), (0, 0, 1.5)]
+    sides = [(0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4), (0, 2, 1), (0, 3, 2)]
+    out, places = b"", []
+    for flags, real, vertices, texcoords, indices in [
+        (0x2002, "d", points, uvs, triangles),
+        (0x1000, "f", base, [], sides),
+    ]:
+        places.append(len(out))
+        data = struct.pack("<I", flags) + b"a mesh\0" + struct.pack("<QQ", len(vertices), len(indices))
+        for row in list(vertices) + list(texcoords):
+            data += struct.pack(f"<{len(row)}{real}", *row)
+        for t in indices:
+            data += struct.pack("<3I", *t)
+        out += struct.pack("<HH", 0x041C, 4) + zlib.compress(data)
+    path.write_bytes(out + b"".join(struct.pack("<Q", p) for p in places) + struct.pack("<I", len(places)))
+
+
+def main():
+    HERE.mkdir(exist_ok=True)
+    # Coloured quarters with a light corner: which way up, and which way round, shows at once.
+    quarter = [[(230, 60, 50), (60, 200, 70)], [(50, 80, 230), (220, 210, 60)]]
+    rows = [[quarter[y // 4][x // 4] for x in range(8)] for y in range(8)]
+    rows[0][0] = (255, 255, 255)
+    png(HERE / "quarters.png", rows)
+    png(HERE / "holes.png", [[(255,) * 3 if (x - 3.5) ** 2 + (y - 3) ** 2 > 5 else (0,) * 3 for x in range(8)] for y in range(8)])
+    slope = lambda x, y: (0.3 * math.sin(2 * math.pi * x / 16), 0.2 * math.cos(2 * math.pi * y / 16))
+    normal = lambda x, y: unit((slope(x, y)[0], slope(x, y)[1], 1))
+    code = lambda x: round(255 * (x + 1) / 2)
+    png(HERE / "normals.png", [[tuple(map(code, normal(x, y))) for x in range(16)] for y in range(16)])
+    height = lambda x, y: round(127 + 120 * math.sin(2 * math.pi * x / 16) * math.cos(4 * math.pi * y / 16))
+    png(HERE / "heights.png", [[(height(x, y),) * 3 for x in range(16)] for y in range(16)])
+    sky = [[(0.2 + 0.1 * y, 0.4, 0.9 - 0.1 * y) for x in range(12)] for y in range(6)]
+    sky[1][3] = (12.0, 10.0, 6.0)
+    sky[4][8] = (0.5, 4.0, 0.5)
+    pfm(HERE / "sky.pfm", sky)
+    (HERE / "leaf.spd").write_text("# a green\n400 0.05\n480 0.08\n520 0.35\n560 0.4\n600 0.1\n700 0.3\n")
+    obj(HERE / "lump.obj", False)
+    obj(HERE / "lump-normals.obj", True)
+    ply(HERE / "lump.ply", False)
+    ply(HERE / "lump-normals.ply", True)
+    serialized(HERE / "two.serialized")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,418 @@
+//! Mitsuba's scenes: what they say against the same said in TOML, against closed forms, and mistakes at their places. (That the
+//! pictures are Mitsuba's is for `benches/mitsuba/imports.py` to say.)
+
+use rebond::film::{Film, FilterSettings};
+use rebond::integrators::IntegratorSettings;
+use rebond::render::{Budget, Engine, Region, render};
+use rebond::sampling::Sampler;
+use rebond::scene::SceneDescription;
+use rebond::scene::description::{
+    CameraDescription, EmitterDescription, MaterialDescription, MaterialRef, ShapeDescription,
+};
+use rebond_io::{Error, ImportOptions, SceneSource, read_mitsuba};
+use std::path::{Path, PathBuf};
+
+fn data() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/mitsuba")
+}
+
+fn strict(text: &str) -> Result<SceneSource, Error> {
+    read(text, ImportOptions::default())
+}
+
+fn read(text: &str, options: ImportOptions) -> Result<SceneSource, Error> {
+    read_mitsuba(text, "a.xml", &data(), options).map(|scene| SceneSource::imported(scene, "a"))
+}
+
+/// A scene with a sensor of `w` by `h` pixels at (0, 0, 5) that looks along −z.
+fn scene(size: [u32; 2], more: &str) -> String {
+    format!(
+        r#"<scene version="3.0.0">
+<integrator type="path"/>
+<sensor type="perspective"><float name="fov" value="20"/>
+<transform name="to_world"><lookat origin="0, 0, 5" target="0, 0, 0" up="0, 1, 0"/></transform>
+<film type="hdrfilm"><integer name="width" value="{}"/><integer name="height" value="{}"/><rfilter type="box"/></film>
+</sensor>
+{more}
+</scene>"#,
+        size[0], size[1]
+    )
+}
+
+fn film(source: &SceneSource, samples: u32) -> Film {
+    let scene = source.build().unwrap_or_else(|e| panic!("{}", e.snippet()));
+    let size = &source.description.film;
+    let mut film = Film::new(size.width, size.height);
+    let sampler = Sampler::new(source.description.sampler, 1);
+    let integrator = source.description.integrator.integrator(&scene, sampler, Engine::Wavefront).expect("settings");
+    let budget = Budget { samples: Some(samples), ..Budget::default() };
+    let region = Region::whole(size.width, size.height);
+    render(&*integrator, &mut film, region, 0, &budget, 2, &());
+    film
+}
+
+fn mean(more: &str, samples: u32) -> [f32; 3] {
+    let source = strict(&scene([4, 4], more)).unwrap_or_else(|e| panic!("{}", e.snippet()));
+    film(&source, samples).mean().map(|x| x as f32)
+}
+
+#[test]
+fn every_scene_loads_and_is_built() {
+    let mut count = 0;
+    for entry in std::fs::read_dir(data()).expect("a folder") {
+        let path = entry.expect("an entry").path();
+        if path.extension().is_none_or(|e| e != "xml") {
+            continue;
+        }
+        let source = SceneSource::open(&path.display().to_string()).unwrap_or_else(|e| panic!("{}", e.snippet()));
+        source.build().unwrap_or_else(|e| panic!("{}", e.snippet()));
+        assert_eq!(source.samples, Some(64), "by the default of $spp");
+        count += 1;
+    }
+    assert!(count >= 17, "{count}");
+}
+
+/// Mitsuba's Cornell box is the built-in one, which was described by itself.
+#[test]
+fn the_cornell_box_is_the_same_picture() {
+    let path = data().join("cornell-box.xml").display().to_string();
+    let theirs = SceneSource::open(&path).expect("a scene").description;
+    let toml = r#"
+        title = "by hand"
+        integrator = { type = "path", max_depth = 6 }
+        sampler = { type = "independent" }
+        film = { width = 64, height = 64, filter = { type = "box" } }
+        materials.white = { type = "diffuse", reflectance = [0.885809, 0.698859, 0.666422] }
+        materials.green = { type = "diffuse", reflectance = [0.105421, 0.37798, 0.076425] }
+        materials.red = { type = "diffuse", reflectance = [0.570068, 0.0430135, 0.0443706] }
+
+        [camera]
+        type = "perspective"
+        fov = 39.3077
+        fov_axis = "smaller"
+        near_clip = 0.001
+        to_world.look_at = { origin = [0, 0, 4], target = [0, 0, 0], up = [0, 1, 0] }
+
+        [[shapes]]
+        type = "rectangle"
+        material = "white"
+        emission = [18.387, 13.9873, 6.75357]
+        to_world = [{ rotate = { axis = [1, 0, 0], angle = 90 } }, { scale = [0.23, 0.19, 0.19] }, { translate = [0, 0.99, 0.01] }]
+        [[shapes]]
+        type = "rectangle"
+        material = "white"
+        to_world = [{ rotate = { axis = [1, 0, 0], angle = -90 } }, { translate = [0, -1, 0] }]
+        [[shapes]]
+        type = "rectangle"
+        material = "white"
+        to_world = [{ rotate = { axis = [1, 0, 0], angle = 90 } }, { translate = [0, 1, 0] }]
+        [[shapes]]
+        type = "rectangle"
+        material = "white"
+        to_world.translate = [0, 0, -1]
+        [[shapes]]
+        type = "rectangle"
+        material = "green"
+        to_world = [{ rotate = { axis = [0, 1, 0], angle = -90 } }, { translate = [1, 0, 0] }]
+        [[shapes]]
+        type = "rectangle"
+        material = "red"
+        to_world = [{ rotate = { axis = [0, 1, 0], angle = 90 } }, { translate = [-1, 0, 0] }]
+        [[shapes]]
+        type = "cube"
+        material = "white"
+        to_world = [{ scale = 0.3 }, { rotate = { axis = [0, 1, 0], angle = -17 } }, { translate = [0.335, -0.7, 0.38] }]
+        [[shapes]]
+        type = "cube"
+        material = "white"
+        to_world = [{ scale = [0.3, 0.61, 0.3] }, { rotate = { axis = [0, 1, 0], angle = 18.25 } }, { translate = [-0.33, -0.4, -0.28] }]
+    "#;
+    let (mut ours, _): (SceneDescription, _) =
+        rebond_io::from_toml(toml, "").unwrap_or_else(|e| panic!("{}", e.snippet()));
+    ours.title = String::new();
+    assert_eq!(theirs.materials, ours.materials);
+    assert_eq!((&theirs.film, &theirs.sampler, &theirs.integrator), (&ours.film, &ours.sampler, &ours.integrator));
+    // Transforms are multiplied out; what they make of a point tells whether they are the same.
+    let same = |a: &rebond::scene::description::Transform, b: &rebond::scene::description::Transform| {
+        let (a, b) = (a.matrix("", "").expect("a matrix"), b.matrix("", "").expect("a matrix"));
+        for p in [[0.0, 0.0, 0.0], [1.0, 2.0, 3.0], [-2.0, 0.5, 1.0], [0.3, -1.0, 0.2]] {
+            let p = glam::DVec3::from(p);
+            assert!((a.transform_point3(p) - b.transform_point3(p)).length() < 1e-5);
+        }
+    };
+    match (&theirs.camera, &ours.camera) {
+        (
+            CameraDescription::Perspective { to_world: a, fov, fov_axis, near_clip, .. },
+            CameraDescription::Perspective { to_world: b, fov: f, fov_axis: x, near_clip: n, .. },
+        ) => {
+            same(a, b);
+            assert_eq!((fov, fov_axis, near_clip), (f, x, n));
+        }
+        other => panic!("{other:?}"),
+    }
+    assert_eq!(theirs.shapes.len(), ours.shapes.len());
+    for (a, b) in theirs.shapes.iter().zip(&ours.shapes) {
+        use ShapeDescription as S;
+        match (a, b) {
+            (S::Rectangle(a), S::Rectangle(b)) | (S::Cube(a), S::Cube(b)) => {
+                same(&a.to_world, &b.to_world);
+                assert_eq!((&a.material, &a.emission, a.flip_normals), (&b.material, &b.emission, b.flip_normals));
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+}
+
+/// A lamp of radiance L seen head on; irradiance of a beam, a point, a spot: closed forms.
+#[test]
+fn lights_are_of_mitsubas_units() {
+    let wall =
+        r#"<shape type="rectangle"><bsdf type="diffuse"><rgb name="reflectance" value="0.5, 0.25, 1"/></bsdf></shape>"#;
+    let near = |a: [f32; 3], b: [f32; 3]| {
+        assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-3 * b.max(1e-3)), "{a:?} for {b:?}");
+    };
+    let pi = std::f32::consts::PI;
+    // E ρ/π, the same all over.
+    let beam = r#"<emitter type="directional"><vector name="direction" x="0" y="3" z="-4"/><rgb name="irradiance" value="2, 1, 0.5"/></emitter>"#;
+    near(
+        mean(&format!("{wall}{beam}"), 4),
+        [2.0, 1.0, 0.5]
+            .map(|e| e * 0.8 / pi)
+            .iter()
+            .zip([0.5, 0.25, 1.0])
+            .map(|(e, r)| e * r)
+            .collect::<Vec<_>>()
+            .try_into()
+            .expect("three"),
+    );
+    // A lamp, and what Mitsuba takes one number for all wavelengths for: the colour of XYZ = (2, 2, 2).
+    let lamp = |radiance: &str| format!(r#"<shape type="rectangle"><emitter type="area">{radiance}</emitter></shape>"#);
+    near(mean(&lamp(r#"<rgb name="radiance" value="1, 2, 3"/>"#), 1), [1.0, 2.0, 3.0]);
+    near(mean(&lamp(r#"<spectrum name="radiance" value="2"/>"#), 1), [2.409_588, 1.896_582, 1.817_832]);
+    near(mean(&lamp(r#"<float name="radiance" value="2"/>"#), 1), [2.0; 3]);
+    // From behind it is black, and so is a wall.
+    let behind = lamp(r#"<float name="radiance" value="2"/>"#).replace(
+        "rectangle\">",
+        "rectangle\"><transform name=\"to_world\"><rotate y=\"1\" angle=\"180\"/></transform>",
+    );
+    near(mean(&behind, 1), [0.0; 3]);
+    // A white furnace: all that surrounds a white wall comes back from it, and half of it from a grey one.
+    let sky = r#"<emitter type="constant"><rgb name="radiance" value="0.5"/></emitter>"#;
+    let furnace = mean(&format!("{wall}{sky}"), 1024);
+    assert!(furnace.iter().zip([0.25, 0.125, 0.5]).all(|(a, b)| (a - b).abs() < 0.01 * b), "{furnace:?}");
+    // A far point of intensity I at distance d: I/d² ρ/π; a spot is as bright within its beam.
+    for light in [
+        r#"<emitter type="point"><point name="position" x="0" y="0" z="100"/><float name="intensity" value="1e4"/></emitter>"#,
+        r#"<emitter type="spot"><transform name="to_world"><lookat origin="0, 0, 100" target="0, 0, 0" up="0, 1, 0"/></transform><float name="intensity" value="1e4"/></emitter>"#,
+    ] {
+        near(mean(&format!("{wall}{light}"), 4), [0.5 / pi, 0.25 / pi, 1.0 / pi]);
+    }
+}
+
+#[test]
+fn pictures_lie_as_in_mitsuba() {
+    // The image's upper left corner is white, its left upper quarter red, the right upper one green, below blue and yellow. v grows
+    // downwards in Mitsuba, so a rectangle shows it upside down; an OBJ file's texture coordinates are flipped, so that it stands upright.
+    let texture = r#"<bsdf type="diffuse"><texture type="bitmap" name="reflectance"><string name="filename" value="parts/quarters.png"/>
+        <string name="filter_type" value="nearest"/></texture></bsdf>"#;
+    let sky = r#"<emitter type="constant"/>"#;
+    let quarters = |shape: &str| {
+        let source = strict(&scene([2, 2], &format!("{shape}{sky}"))).unwrap_or_else(|e| panic!("{}", e.snippet()));
+        let image = film(&source, 64).develop().rgb("").expect("a picture");
+        let name = |p: [f32; 3]| match p {
+            [r, g, b] if r > 2.0 * g && r > 2.0 * b => 'r',
+            [r, g, b] if g > 2.0 * r && g > 2.0 * b => 'g',
+            [r, g, b] if b > 2.0 * r && b > 2.0 * g => 'b',
+            [r, g, b] if r > 2.0 * b && g > 2.0 * b => 'y',
+            _ => '?',
+        };
+        image.into_iter().map(name).collect::<String>()
+    };
+    assert_eq!(quarters(&format!(r#"<shape type="rectangle">{texture}</shape>"#)), "byrg");
+    let folder = tempfile::tempdir().expect("a folder");
+    let square =
+        "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3\nf 1/1 3/3 4/4\n";
+    std::fs::write(folder.path().join("square.obj"), square).expect("a file");
+    let file = folder.path().join("square.obj").display().to_string();
+    let outside = ImportOptions { allow_outside: true, ..ImportOptions::default() };
+    for (flag, want) in [("", "rgby"), (r#"<boolean name="flip_tex_coords" value="false"/>"#, "byrg")] {
+        let text = scene(
+            [2, 2],
+            &format!(r#"<shape type="obj"><string name="filename" value="{file}"/>{flag}{texture}</shape>{sky}"#),
+        );
+        assert!(strict(&text).unwrap_err().message.contains("--allow-outside"));
+        let source = read(&text, outside).unwrap_or_else(|e| panic!("{}", e.snippet()));
+        let image = film(&source, 64).develop().rgb("").expect("a picture");
+        let is = |i: usize, c: usize| (0..3).all(|k| k == c || image[i][c] > 2.0 * image[i][k]);
+        let upright = is(0, 0) && is(1, 1) && is(2, 2);
+        assert_eq!(upright, want == "rgby", "{image:?}");
+    }
+}
+
+#[test]
+fn a_converted_scene_is_the_same_picture() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for name in ["shapes", "meshes", "nested", "sky", "wraps", "thin-lens", "glass"] {
+        let mut source = SceneSource::open(&data().join(format!("{name}.xml")).display().to_string()).expect("a scene");
+        (source.description.film.width, source.description.film.height) = (24, 16);
+        let out = folder.path().join(format!("{name}.toml"));
+        rebond_io::convert(&source, &out).unwrap_or_else(|e| panic!("{}", e.snippet()));
+        let again = SceneSource::open(&out.display().to_string()).unwrap_or_else(|e| panic!("{}", e.snippet()));
+        let [a, b] = [&source, &again].map(|s| film(s, 4).develop());
+        assert!(a.rgb("").is_some_and(|p| p.iter().flatten().any(|x| *x > 0.0)), "{name} is black");
+        assert_eq!(a, b, "{name}");
+    }
+}
+
+fn fails(text: &str) -> (usize, usize, String) {
+    let error = match strict(text) {
+        Err(e) => e,
+        Ok(source) => source.build().map(|_| ()).expect_err("a mistake"),
+    };
+    (error.line().unwrap_or(0), error.column().unwrap_or(0), error.message)
+}
+
+#[test]
+fn mistakes_have_their_places() {
+    let fails = |more: &str| {
+        let (line, column, message) = fails(&scene([4, 4], more));
+        assert_eq!(line, 7, "{message}");
+        (column, message)
+    };
+    let say = |column: usize, message: &str| (column, message.to_string());
+    assert_eq!(
+        fails(r#"<shape type="sphere"><ref id="gold"/></shape>"#),
+        say(22, "there is no object with the id \"gold\"")
+    );
+    assert_eq!(fails(r#"<shape type="bunny"/>"#), say(1, "the shape \"bunny\" is not supported"));
+    assert_eq!(
+        fails(r#"<shape type="sphere"><float name="radios" value="2"/></shape>"#),
+        say(22, "\"radios\" means nothing to the shape \"sphere\"")
+    );
+    assert_eq!(
+        fails(r#"<shape type="sphere"><float name="radius" value="two"/></shape>"#),
+        say(50, "\"two\" is not a number")
+    );
+    assert_eq!(
+        fails(r#"<shape type="sphere"><string name="radius" value="2"/></shape>"#),
+        say(22, "\"radius\" is a number, not a string")
+    );
+    assert_eq!(
+        fails(r#"<shape type="sphere"><float name="radius" value="-2"/></shape>"#),
+        say(1, "a sphere of radius -2")
+    );
+    assert_eq!(
+        fails(r#"<emitter type="point"><float name="intensity" value="$power"/></emitter>"#),
+        say(54, "the parameter $power has no value")
+    );
+    assert_eq!(fails(r#"<shape type="obj"><string name="filename" value="no.obj"/></shape>"#).0, 19);
+    assert_eq!(fails(r#"<shape type="sphere" kind="x"/>"#), say(22, "<shape> has no attribute \"kind\""));
+    assert_eq!(
+        fails(r#"<shape type="sphere"><bsdf type="conductor"><string name="material" value="Xy"/></bsdf></shape>"#),
+        say(45, "no metal \"Xy\" is known")
+    );
+    assert_eq!(
+        fails(r#"<bsdf type="twosided" id="a"><ref id="a"/></bsdf><shape type="sphere"><ref id="a"/></shape>"#).1,
+        "this bsdf contains itself, or is nested too deeply"
+    );
+    assert_eq!(fails(r#"<include filename="a.xml"/>"#).0, 20);
+    assert_eq!(fails(r#"<include filename="../mitsuba.rs"/>"#).0, 20);
+    assert_eq!(fails(r#"<shape type="cube"></sphere>"#).1, "not valid XML: expected 'shape' tag, not 'sphere'");
+    assert_eq!(fails("words"), say(1, "text means nothing here"));
+}
+
+#[test]
+fn paths_lead_outside_only_if_they_may() {
+    let shape =
+        |file: &str| scene([4, 4], &format!(r#"<shape type="ply"><string name="filename" value="{file}"/></shape>"#));
+    for file in ["../../../src/lib.rs", "parts/../../../../Cargo.toml", "/etc/passwd"] {
+        let error = strict(&shape(file)).expect_err("outside");
+        assert!(error.message.contains("is outside of the scene's folder; --allow-outside opens it"), "{error}");
+        let allowed = ImportOptions { allow_outside: true, ..ImportOptions::default() };
+        assert!(read(&shape(file), allowed).is_ok(), "it may be named; what it is shows when it is built");
+    }
+    assert!(strict(&shape("parts/../parts/lump.ply")).is_ok());
+}
+
+#[test]
+fn what_is_missing_is_an_error_or_a_warning() {
+    let text = scene(
+        [4, 4],
+        r#"<emitter type="constant"/><shape type="sphere"><bsdf type="roughconductor"><float name="glitter" value="1"/></bsdf></shape>
+<shape type="hair"/><emitter type="projector"/>"#,
+    );
+    let error = strict(&text).expect_err("Beckmann's distribution");
+    assert!(
+        error.message.contains("Beckmann") && error.help.as_deref().is_some_and(|h| h.contains("--lenient")),
+        "{error:?}"
+    );
+    let lenient = ImportOptions { lenient: true, ..ImportOptions::default() };
+    let source = read(&text, lenient).unwrap_or_else(|e| panic!("{}", e.snippet()));
+    let warnings: Vec<String> = source.warnings.iter().map(|w| w.to_string()).collect();
+    let wanted = [
+        "a.xml:7:48: the roughconductor is of Beckmann's distribution, which is not supported",
+        "a.xml:7:76: \"glitter\" means nothing to the bsdf \"roughconductor\"",
+        "a.xml:8:1: the shape \"hair\" is not supported",
+        "a.xml:8:21: the emitter \"projector\" is not supported",
+    ];
+    assert_eq!(warnings.len(), wanted.len(), "{warnings:?}");
+    for (warning, wanted) in warnings.iter().zip(wanted) {
+        assert!(warning.starts_with(wanted), "{warning}");
+    }
+    source.build().expect("what is left");
+}
+
+#[test]
+fn settings_are_what_they_say() {
+    let text = r#"<scene version="3.0.0">
+<default name="depth" value="7"/>
+<integrator type="moment"><integrator type="path"><integer name="max_depth" value="$depth"/><integer name="rr_depth" value="3"/></integrator></integrator>
+<sensor type="thinlens"><float name="fov" value="90"/><string name="fov_axis" value="y"/>
+<float name="aperture_radius" value="0.1"/><float name="focus_distance" value="3"/>
+<sampler type="multijitter"><integer name="sample_count" value="128"/></sampler>
+<film type="hdrfilm"><integer name="width" value="20"/><integer name="height" value="10"/>
+<string name="pixel_format" value="rgb"/><rfilter type="catmullrom"/></film></sensor></scene>"#;
+    let source = strict(text).unwrap_or_else(|e| panic!("{}", e.snippet()));
+    let d = &source.description;
+    assert_eq!((d.film.width, d.film.height, d.film.filter), (20, 10, FilterSettings::Mitchell { b: 0.0, c: 0.5 }));
+    assert_eq!(source.samples, Some(128));
+    match &d.integrator {
+        IntegratorSettings::Path(p) => assert_eq!((p.max_depth.map(|d| d.get()), p.rr_depth), (Some(7), 3)),
+        other => panic!("{other:?}"),
+    }
+    match &d.camera {
+        CameraDescription::ThinLens { fov, aperture_radius, focus_distance, .. } => {
+            assert_eq!((*fov, *aperture_radius, *focus_distance), (90.0, 0.1, 3.0));
+        }
+        other => panic!("{other:?}"),
+    }
+    // Older scenes write names in another way, and unlimited depth as -1.
+    let old = text
+        .replace("3.0.0", "0.6.0")
+        .replace("max_depth", "maxDepth")
+        .replace("fov_axis", "fovAxis")
+        .replace("value=\"7\"", "value=\"-1\"");
+    let source = strict(&old).unwrap_or_else(|e| panic!("{}", e.snippet()));
+    assert!(matches!(&source.description.integrator, IntegratorSettings::Path(p) if p.max_depth.is_none()));
+    assert!(strict(&text.replace("3.0.0", "4.0.0")).is_err());
+    assert!(strict(&text.replace(" version=\"3.0.0\"", "")).is_err());
+}
+
+#[test]
+fn materials_are_shared_by_name_and_lights_keep_their_numbers() {
+    let source = SceneSource::open(&data().join("nested.xml").display().to_string()).expect("a scene");
+    let d = &source.description;
+    assert!(
+        ["red", "two sides", "two colours", "holes", "half", "nothing"].iter().all(|m| d.materials.contains_key(*m)),
+        "{:?}",
+        d.materials.keys()
+    );
+    assert!(
+        matches!(&d.materials["two sides"], MaterialDescription::TwoSided { front: MaterialRef::Named(n), back: Some(_) } if n == "red")
+    );
+    assert!(matches!(&d.materials["two colours"], MaterialDescription::Mix { weight, .. } if *weight == 0.3));
+    assert_eq!(d.groups["pair"].len(), 2);
+    let placed = d.shapes.iter().filter(|s| matches!(s, ShapeDescription::Instance(i) if i.group == "pair"));
+    assert_eq!(placed.count(), 3);
+    assert!(matches!(d.emitters[..], [EmitterDescription::Constant { .. }, EmitterDescription::Point { .. }]));
+}
