@@ -11,7 +11,7 @@ use rebond::film::{Film, Image};
 use rebond::integrators::IntegratorSettings;
 use rebond::render::{Budget, Engine, PathExpression, PathLayer, Region, render};
 use rebond::sampling::{Sampler, SamplerSettings};
-use rebond_io::{Error, PngOptions, SceneFiles, Tonemap, from_settings};
+use rebond_io::{Error, PngOptions, SceneFiles, SceneSource, Tonemap, from_settings};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
