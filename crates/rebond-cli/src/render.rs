@@ -295,6 +295,8 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
     let names: Vec<String> = written.map(|p| p.display().to_string()).collect();
     if a.json {
         let error = film.relative_error();
+        let counts: serde_json::Map<String, serde_json::Value> =
+            integrator.counts().into_iter().map(|(name, n)| (name.into(), n.into())).collect();
         answer(
             &serde_json::json!({
                 "scene": source.name,
@@ -306,6 +308,7 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
                 "rays": statistics.rays.total(),
                 "rays_by_depth": statistics.rays.by_depth,
                 "shadow_rays": statistics.rays.shadow,
+                "counts": counts,
                 "dropped_samples": dropped,
                 "peak_memory_bytes": peak_memory_bytes(),
                 "error": error.is_finite().then_some(error),

@@ -334,6 +334,7 @@ fn a_picture_that_cannot_be_written_is_saved_elsewhere() {
 fn scenes_are_listed() {
     let folder = temporary();
     let names = [
+        "caustic-mirror",
         "cornell-box",
         "cornell-spheres",
         "dragon",
@@ -360,7 +361,7 @@ fn scenes_are_listed() {
     let array = json(&answer(&folder, &["scenes", "--json"]));
     let listed: Vec<&str> = array.as_array().expect("a list").iter().filter_map(|s| s["name"].as_str()).collect();
     assert_eq!(listed, names);
-    assert_eq!(array[0]["title"], "The Cornell box");
+    assert_eq!(array[1]["title"], "The Cornell box");
 }
 
 #[test]

@@ -3,6 +3,7 @@
 mod adaptive;
 mod bounce;
 mod budget;
+mod in_order;
 pub mod path_classes;
 mod path_state;
 mod scalar;
@@ -13,6 +14,7 @@ pub use adaptive::Share;
 pub use budget::{Budget, RenderStatistics, render};
 pub use path_classes::{PathClasses, PathExpression, PathLayer};
 pub use path_state::{Bounce, Dimensions, PathState, Shade, ShadowRay};
+pub(crate) use in_order::in_order;
 pub(crate) use tiles::{Sample, TILE, Tiles};
 
 use crate::film::Film;
@@ -138,6 +140,11 @@ pub trait Integrator: Sync {
     /// Adds the samples of a pass to a film of the region's size, which has the layers of this integrator. Returns the rays
     /// traced.
     fn add_samples(&self, film: &Mutex<Film>, pass: &Pass, observer: &dyn Observer) -> Rays;
+
+    /// What it counted so far beside samples and rays, by name.
+    fn counts(&self) -> Vec<(&'static str, u64)> {
+        Vec::new()
+    }
 }
 
 /// How camera-path estimators run.

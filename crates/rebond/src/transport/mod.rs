@@ -4,11 +4,17 @@ pub mod estimator;
 mod eye;
 pub mod form_factor;
 pub mod irradiance;
+mod kernel;
+mod point_grid;
+mod point_tree;
 mod roulette;
 mod sheets;
 pub mod sub_path;
 
 pub use eye::{Seen, see, see_source};
+pub use kernel::{Kernel, first_radius, shrunk};
+pub use point_grid::{Placed, PointGrid};
+pub use point_tree::{NOTHING, Nearest, PointTree};
 pub use roulette::Roulette;
 pub use sheets::Sheets;
 pub use sub_path::{Heuristic, SubPath, Vertex};
