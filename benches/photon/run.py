@@ -80,8 +80,8 @@ def speed(args):
 
 
 def error(args):
-    size, scene = "128x128", "cornell-spheres"
-    reference, _ = render(args, scene, "path", size, "--spp", "8192", seed=99)
+    size, scene = "96x96", "cornell-spheres"
+    reference, _ = render(args, scene, "path", size, "--spp", "4096", seed=99)
     rows = []
     for photons, nearest in ((2_000, 12), (8_000, 25), (32_000, 50), (128_000, 100), (512_000, 200), (2_048_000, 400)):
         row = {"photons": photons, "nearest": nearest}

@@ -10,6 +10,7 @@ mod lobe_plot;
 mod output;
 mod plot;
 mod progress;
+mod pyramid;
 mod radiosity;
 mod render;
 

@@ -1,8 +1,9 @@
 //! `rebond render`.
 
 use crate::Failure;
-use crate::output::{answer, check, layer_outputs, note, peak_memory_bytes, write};
+use crate::output::{answer, check, check_place, layer_outputs, note, peak_memory_bytes, write, write_text};
 use crate::progress::{Progress, catch_interrupt};
+use crate::pyramid;
 use clap::Args;
 use rebond::emitter::LightChoice;
 use rebond::film::{Film, Image};
@@ -60,6 +61,9 @@ pub struct Arguments {
     /// File to write (.exr .hdr .pfm .png); may be given several times [default: SCENE.png and SCENE.exr here].
     #[arg(short, long, value_name = "FILE")]
     output: Vec<PathBuf>,
+    /// One page with the pictures of all strategies, for bidirectional:strategies=true.
+    #[arg(long, value_name = "FILE.html")]
+    pyramid: Option<PathBuf>,
     /// Stops by which to brighten a PNG.
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, value_parser = finite)]
     exposure: f32,
@@ -206,7 +210,17 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
     let files = if integrator.is_some() { &SceneFiles::Folder(PathBuf::new()) } else { source.files() };
     let mut settings = integrator.unwrap_or_else(|| source.description.integrator.clone());
     let layer_names: Vec<String> = layers.iter().map(|l| l.name.clone()).chain(settings.own_layers()).collect();
-    let of_layers = layer_outputs(&outputs, layer_names.iter().map(|name| &**name));
+    if let Some(page) = &a.pyramid {
+        if settings.own_layers().is_empty() {
+            let message =
+                "a pyramid is made of the pictures of all strategies, and this integrator writes none".to_owned();
+            return Err(Failure::usage(message, "use -i bidirectional:strategies=true,max_depth=5"));
+        }
+        check_place(page)?;
+    }
+    // The page has them all.
+    let beside = if a.pyramid.is_some() { &layer_names[..layers.len()] } else { &layer_names[..] };
+    let of_layers = layer_outputs(&outputs, beside.iter().map(|name| &**name));
     let all: Vec<PathBuf> = outputs.iter().chain(of_layers.iter().map(|(_, path)| path)).cloned().collect();
     check(&all)?;
     if !of_layers.is_empty()
@@ -287,11 +301,22 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
         let alone = image.rgb(layer).map(|pixels| Image::from_rgb(image.width, image.height, &pixels));
         write(&alone.expect("a layer of the film"), std::slice::from_ref(path), &png)?;
     }
+    if let Some(page) = &a.pyramid {
+        let made = format!(
+            "Made by rebond {}: rebond render {} -i {}, {} samples per pixel, {:.1} s.",
+            env!("CARGO_PKG_VERSION"),
+            a.scene,
+            a.integrator.as_deref().unwrap_or(settings.name()),
+            statistics.samples / region.pixels(),
+            statistics.seconds
+        );
+        write_text(page, &pyramid::page(&image, &source.name, &made)?)?;
+    }
     let dropped = film.dropped_samples();
     if dropped > 0 && !a.quiet {
         note(&format!("warning: {dropped} samples were not finite, or too bright for a film, and count as black"));
     }
-    let written = outputs.iter().chain(of_layers.iter().map(|(_, path)| path));
+    let written = outputs.iter().chain(of_layers.iter().map(|(_, path)| path)).chain(&a.pyramid);
     let names: Vec<String> = written.map(|p| p.display().to_string()).collect();
     if a.json {
         let error = film.relative_error();

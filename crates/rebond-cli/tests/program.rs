@@ -381,6 +381,22 @@ fn integrators_are_listed() {
 }
 
 #[test]
+fn photons_are_counted_and_shown() {
+    let folder = temporary();
+    let photons = "photon:photons=2000,nearest=20,show=true";
+    let object = json(&answer(&folder, &small(&["--json", "-i", photons, "-o", "map.exr"])));
+    let count = |name: &str| object["counts"][name].as_u64().unwrap_or_else(|| panic!("{name} in {object}"));
+    let [emitted, stored] = ["photons_emitted", "photons_stored"].map(count);
+    // The box is open at the front.
+    assert!(emitted == 2000 && stored > emitted && count("photons_lost") > 0 && count("photons_wasted") > 0);
+    assert_eq!(object["biased"], true);
+    let layer = image(&folder, "map.exr").rgb("photons").expect("a layer");
+    // In units of their mean power: the green of all pixels is about the number of photons that are seen.
+    let seen: f32 = layer.iter().map(|p| p[1]).sum();
+    assert!(seen > 0.2 * stored as f32 && seen < stored as f32, "{seen} of {stored}");
+}
+
+#[test]
 fn info_says_what_a_scene_is_made_of() {
     let folder = temporary();
     let object = json(&answer(&folder, &["info", "cornell-spheres", "--json"]));

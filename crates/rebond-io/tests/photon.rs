@@ -50,22 +50,23 @@ fn stored_flux_is_that_of_theory() {
     }
 }
 
-/// On a sphere the points within a distance r have the area π r², curved as they are: a furnace is seen without bias, by every
-/// kernel, by neighbours and by radius, directly, with a final gather and with irradiance that was computed before.
+/// On a sphere the points within a distance r have the area π r², curved as they are. Only light that grazes a neighbour and comes
+/// from below the point's own horizon is missed, r²/8 of it. So a furnace is seen almost without bias, by every kernel, by neighbours
+/// and by radius, directly, with a final gather and with irradiance that was computed before.
 #[test]
 fn furnaces_are_their_closed_form() {
     let ways = [
         "nearest=50",
         "nearest=50,kernel=cone",
-        "nearest=0,radius=0.2,kernel=epanechnikov",
+        "nearest=0,radius=0.1,kernel=epanechnikov",
         "nearest=50,gather=4",
         "nearest=50,gather=4,caustic_photons=0,precompute=true",
-        "progressive=true,radius=0.3",
+        "progressive=true,radius=0.1",
         "nearest=50,max_depth=3",
     ];
     let source = furnace("0.5");
     for way in ways {
-        let films = films(&source, &format!("photon:photons=2000,{way}"), 1, 4, &[]);
+        let films = films(&source, &format!("photon:photons=4000,{way}"), 1, 4, &[]);
         let means: Moments = films.iter().map(|f| f.mean()[1]).collect();
         let value = if way.contains("max_depth") { 1.75 } else { 2.0 };
         let p = means.p_value(value);
@@ -107,15 +108,15 @@ fn pixels(film: &Film) -> Vec<[f32; 3]> {
 }
 
 /// The squared error against path tracing: with sixteen times the photons and four times as many in an estimate, both its variance
-/// and its area fall to a quarter. Direct light is the same in all of them.
+/// and its area fall to a quarter. The worst pixels, at the lamp's edge, are left out: their noise is that of the eye's rays.
 #[test]
 fn bias_and_noise_vanish() {
-    let source = small("cornell-spheres", [24, 24]);
-    let reference = pixels(&film(&source, "path", &Job { samples: 0..2048, ..Job::default() }));
+    let source = small("cornell-box", [24, 24]);
+    let reference = pixels(&film(&source, "path", &Job { samples: 0..4096, ..Job::default() }));
     let error = |photons: u32, nearest: u32, more: &str| {
         let text = format!("photon:photons={photons},nearest={nearest}{more}");
         let picture = pixels(&film(&source, &text, &Job::default()));
-        Pair::new(&reference, &picture, 24, 24).expect("pictures of one size").rel_mse(0.01)
+        Pair::new(&reference, &picture, 24, 24).expect("pictures of one size").rel_mse(0.05)
     };
     let direct: Vec<f64> = [(4_000, 20), (64_000, 80), (1_024_000, 320)].map(|(p, k)| error(p, k, "")).to_vec();
     assert!(direct[1] < 0.5 * direct[0] && direct[2] < 0.5 * direct[1], "{direct:?}");
@@ -130,12 +131,11 @@ fn progressive_agrees_with_path() {
     let source = small("cornell-spheres", [16, 16]);
     let progressive = ("photon:progressive=true,photons=8000,radius=3,max_depth=6", 48);
     agree_on("cornell-spheres", &source, &[("path:max_depth=6", 128), progressive], 4.0);
-    // Rough plates, several lights.
-    let rough =
-        [("alpha = 0.005 ", "alpha = 0.15 "), ("alpha = 0.02 ", "alpha = 0.2 "), ("alpha = 0.05 ", "alpha = 0.3 ")];
-    let source = changed("veach-mis", &rough, [16, 16]);
-    let progressive = ("photon:progressive=true,photons=4000,radius=0.05,max_depth=4", 32);
-    agree_on("rough veach-mis", &source, &[("path:max_depth=4", 128), progressive], 4.0);
+    // Glossy surfaces find direct light by directions, too.
+    let metal = "{ type = \"conductor\", metal = \"aluminium\", alpha = 0.2 }";
+    let source = changed("cornell-spheres", &[("{ type = \"mirror\", reflectance = 0.95 }", metal)], [16, 16]);
+    let progressive = ("photon:progressive=true,photons=8000,radius=3,max_depth=4", 32);
+    agree_on("a ball of metal", &source, &[("path:max_depth=4", 128), progressive], 4.0);
 }
 
 /// So does a gather over a fine map.

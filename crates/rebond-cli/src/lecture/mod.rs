@@ -11,6 +11,8 @@ mod page;
 mod path_tracing;
 mod workshop;
 
+pub use workshop::png;
+
 use crate::Failure;
 use crate::output::{answer, note, write_bytes, write_text};
 use crate::progress::catch_interrupt;

@@ -161,6 +161,11 @@ impl Model {
     /// Bit m: model m reflects diffusely.
     const DIFFUSE: u32 = 1 << Model::Diffuse as u32 | 1 << Model::OrenNayar as u32;
 
+    /// Bit m: model m reflects into lobes only, no part of it diffusely.
+    const LOBES: u32 = 1 << Model::RoughDielectric as u32
+        | 1 << Model::RoughConductor as u32
+        | 1 << Model::CompensatedConductor as u32;
+
     /// Whether all of its light leaves in one or two single directions, which no other sampler can find.
     #[inline(always)]
     pub fn is_specular(self) -> bool {
@@ -275,6 +280,16 @@ impl<F: Real> Bsdf<'_, F> {
     /// The shading normal.
     pub fn normal(&self) -> Vec3<F> {
         self.frame.n
+    }
+
+    /// The normal as the choice of a light wants it ([`LightSampler`](crate::emitter::LightSampler)): none (zero) where
+    /// the lobe, not the cosine, decides what light counts.
+    #[inline(always)]
+    pub fn receiving_normal(&self) -> Vec3<F> {
+        if self.present & Model::LOBES == 0 {
+            return self.frame.n;
+        }
+        Vec3::select(self.is_of(Model::LOBES), Vec3::zero(), self.frame.n)
     }
 
     /// Lanes whose model is specular: their light arrives only along sampled directions.

@@ -15,7 +15,8 @@
 //! X = L cosθ' g(ω) / d²        at its raster position, through a point of the lens that is drawn uniformly
 //! ```
 //!
-//! (Veach 1997, §8.3: the importance We = g / (A_lens cosθ), over the density 1/A_lens of the lens point).
+//! (Veach 1997, §8.3: the importance We = g / (A_lens cosθ), over the density 1/A_lens of the lens point). A near clip leaves
+//! out what is nearer along the axis: light that comes from beyond it passes freely from there on.
 
 use super::{Aperture, Camera, Projection};
 use crate::math::{Vec3, vec3};
@@ -27,6 +28,8 @@ use rebond_lanes::{Mask, Real};
 pub struct Sight<F: Real> {
     /// The point of the lens through which it does.
     pub lens: Vec3<F>,
+    /// How far the way there must be free: up to the lens, or to the near clip.
+    pub end: Vec3<F>,
     /// Unit direction from the point to there.
     pub w: Vec3<F>,
     /// Where on the picture, in pixels from the top left; it may be beyond the edges.
@@ -44,6 +47,8 @@ pub struct Sight<F: Real> {
 pub struct LensHit<F: Real> {
     /// Distance along the ray.
     pub t: F,
+    /// How far the way must be free: up to there, or to the near clip.
+    pub free: F,
     /// Where on the picture.
     pub raster: [F; 2],
     /// cosθ at the lens.
@@ -83,7 +88,7 @@ impl<F: Real> Placed<F> {
 
 impl Camera {
     /// The time of a moment in [0, 1) of the shutter.
-    pub fn time(&self, moment: f32) -> f32 {
+    pub fn time<F: Real>(&self, moment: F) -> F {
         moment * (self.shutter[1] - self.shutter[0]) + self.shutter[0]
     }
 
@@ -107,6 +112,18 @@ impl Camera {
     /// Whether all rays are parallel, so that no light that is not has a place on the picture.
     pub fn is_parallel(&self) -> bool {
         matches!(self.projection, Projection::Orthographic { .. })
+    }
+
+    /// Distance along the axis of what is not left out.
+    fn near(&self) -> f32 {
+        if self.is_parallel() { 0.0 } else { self.near_clip }
+    }
+
+    /// The point of the lens from which a ray comes that starts at `o`.
+    #[inline(always)]
+    pub fn lens_of<F: Real>(&self, o: Vec3<F>, d: Vec3<F>, time: F) -> Vec3<F> {
+        let near = self.near();
+        if near == 0.0 { o } else { o - d * (Placed::new(self.at(time)).to_local(d).z.recip() * near) }
     }
 
     /// A sphere around every place of the lens, if light can hit it.
@@ -168,8 +185,10 @@ impl Camera {
             let local = placed.to_local(p - placed.origin);
             let d = placed.axes[2].normalized();
             let seen = local.z.gt(F::zero());
+            let lens = p - placed.axes[2] * local.z;
             return Sight {
-                lens: p - placed.axes[2] * local.z,
+                lens,
+                end: lens,
                 w: -d,
                 raster: self.raster_of([local.x, local.y], vec3(F::zero(), F::zero(), F::one())),
                 importance: F::select(seen, self.density_of(&placed, d), F::zero()),
@@ -180,7 +199,8 @@ impl Camera {
         let to = p - point;
         let d2 = to.length_squared();
         let mut sight = self.sight(&placed, at, point, to * d2.sqrt().recip());
-        sight.importance = F::select(d2.gt(F::zero()), sight.importance / d2, F::zero());
+        let seen = placed.to_local(to).z.gt(F::splat(self.near())) & d2.gt(F::zero());
+        sight.importance = F::select(seen, sight.importance / d2, F::zero());
         sight.found = sight.found / d2;
         sight
     }
@@ -210,8 +230,10 @@ impl Camera {
     fn sight<F: Real>(&self, placed: &Placed<F>, at: [F; 2], point: Vec3<F>, d: Vec3<F>) -> Sight<F> {
         let local = placed.to_local(d);
         let seen = local.z.gt(F::zero());
+        let near = self.near();
         Sight {
             lens: point,
+            end: if near == 0.0 { point } else { point + d * (local.z.recip() * near) },
             w: -d,
             raster: self.raster_of(at, local),
             importance: F::select(seen, self.density_of(placed, d), F::zero()),
@@ -227,11 +249,13 @@ impl Camera {
         let t = -from.z / along.z;
         let at = along.mul_add(t, from);
         let within = F::Mask::splat(self.has_lens()) & self.aperture().pdf([at.x, at.y]).0.gt(F::zero());
+        let free = (F::splat(self.near()) - from.z) / along.z;
         LensHit {
             t,
+            free,
             raster: self.raster_of([at.x, at.y], along),
             cos: placed.normal.dot(d).abs(),
-            mask: within & along.z.lt(F::zero()) & t.gt(F::zero()),
+            mask: within & along.z.lt(F::zero()) & free.gt(F::zero()),
         }
     }
 }
@@ -278,12 +302,41 @@ mod tests {
                     "importance",
                 );
                 assert_eq!(camera.see(ray.o - ray.d, lens, 0.0).importance, 0.0, "behind the camera");
+                assert!(
+                    (sight.end - sight.lens).length() == 0.0
+                        && (camera.lens_of(ray.o, ray.d, 0.0) - ray.o).length() == 0.0
+                );
                 if camera.has_lens() {
                     let crossing = camera.crossing(ray.o + ray.d * 2.5, -ray.d, 0.0);
                     assert!(crossing.mask && !camera.crossing(ray.o + ray.d * 2.5, ray.d, 0.0).mask);
                     close(crossing.t, 2.5, "distance");
                     (0..2).for_each(|i| close(crossing.raster[i], raster[i], "raster of light"));
                     close(sight.found * 6.25 * camera.lens_pdf(0.0).0, crossing.cos, "density at the lens");
+                }
+            }
+        }
+    }
+
+    /// A near clip changes neither place nor density of what is beyond it; what is nearer is not seen.
+    #[test]
+    fn near_clips_leave_out_what_is_near() {
+        for camera in cameras().into_iter().filter(|c| !c.is_parallel()) {
+            let cut = camera.clone().with_near_clip(1.5);
+            for (u, lens) in random_pairs(200).zip(random_pairs(400).skip(200)) {
+                let raster = [u[0] * 24.0 - 2.0, u[1] * 14.0 - 2.0];
+                let (whole, ray) = (camera.ray(raster, lens, 0.0), cut.ray(raster, lens, 0.0));
+                let (near, beyond) = (ray.o - ray.d * 0.01, ray.o + ray.d);
+                assert!((cut.lens_of(ray.o, ray.d, 0.0) - whole.o).length() < 1e-5, "the lens");
+                assert_eq!(cut.see(near, lens, 0.0).importance, 0.0, "nearer than the clip");
+                let (a, b) = (camera.see(beyond, lens, 0.0), cut.see(beyond, lens, 0.0));
+                assert_eq!((a.importance, a.found, a.raster), (b.importance, b.found, b.raster));
+                assert!((b.end - ray.o).length() < 1e-5, "free from the clip on");
+                assert!((cut.see_far(ray.d, lens, 0.0).end - ray.o).length() < 1e-5, "free from the clip on");
+                if camera.has_lens() {
+                    let crossing = cut.crossing(beyond, -ray.d, 0.0);
+                    assert!(crossing.mask && !cut.crossing(near, -ray.d, 0.0).mask);
+                    close(crossing.free, 1.0, "distance to the clip");
+                    close(crossing.t, camera.crossing(beyond, -ray.d, 0.0).t, "distance to the lens");
                 }
             }
         }

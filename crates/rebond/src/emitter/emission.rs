@@ -18,40 +18,86 @@ use crate::sampling::warp::{
 };
 use crate::sampling::{PdfArea, PdfSolidAngle};
 use rebond_bvh::Ray;
-use rebond_lanes::{math, scalar::Index1};
+use rebond_lanes::{Index, Mask, Real, math};
 use std::f32::consts::PI;
 
 /// The densities with which a ray leaves an emitter. What is not drawn, as the position of a point, counts 1.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct EmissionPdf {
+#[derive(Clone, Copy, Debug)]
+pub struct EmissionPdf<F: Real> {
     /// Of the position: on the emitter, or on the disk before the scene.
-    pub position: PdfArea<f32>,
+    pub position: PdfArea<F>,
     /// Of the direction.
-    pub direction: PdfSolidAngle<f32>,
+    pub direction: PdfSolidAngle<F>,
 }
 
 /// A ray that leaves an emitter.
 #[derive(Clone, Copy, Debug)]
-pub struct Emission {
+pub struct Emission<F: Real> {
     /// Where it starts.
-    pub o: Vec3<f32>,
+    pub o: Vec3<F>,
     /// Bound of the error of that, per axis.
-    pub error: f32,
+    pub error: F,
     /// Geometric normal there; zero if it is no surface.
-    pub normal: Vec3<f32>,
+    pub normal: Vec3<F>,
     /// Unit direction it goes.
-    pub d: Vec3<f32>,
+    pub d: Vec3<F>,
     /// `Le |cosθ| / (pdf(position) pdf(direction))`; for points intensity, for beams irradiance over the pdf there is. In W.
-    pub weight: Rgb<f32>,
+    pub weight: Rgb<F>,
     /// Its densities, of this emitter alone.
-    pub pdf: EmissionPdf,
+    pub pdf: EmissionPdf<F>,
 }
 
-impl Emission {
+impl<F: Real> EmissionPdf<F> {
+    fn new(position: F, direction: F) -> Self {
+        Self { position: PdfArea(position), direction: PdfSolidAngle(direction) }
+    }
+
+    #[inline(always)]
+    fn select(mask: F::Mask, a: Self, b: Self) -> Self {
+        Self::new(F::select(mask, a.position.0, b.position.0), F::select(mask, a.direction.0, b.direction.0))
+    }
+}
+
+impl<F: Real> Emission<F> {
+    fn none() -> Self {
+        let (nothing, z) = (F::zero(), Vec3::splat([0.0, 0.0, 1.0]));
+        let pdf = EmissionPdf::new(F::one(), F::one());
+        Self { o: Vec3::zero(), error: nothing, normal: Vec3::zero(), d: z, weight: Rgb::black(), pdf }
+    }
+
+    #[inline(always)]
+    fn select(mask: F::Mask, a: Self, b: Self) -> Self {
+        Self {
+            o: Vec3::select(mask, a.o, b.o),
+            error: F::select(mask, a.error, b.error),
+            normal: Vec3::select(mask, a.normal, b.normal),
+            d: Vec3::select(mask, a.d, b.d),
+            weight: Rgb::select(mask, a.weight, b.weight),
+            pdf: EmissionPdf::select(mask, a.pdf, b.pdf),
+        }
+    }
+
+    /// From a surface that shines evenly.
+    #[inline(always)]
+    fn of_surface(o: Vec3<F>, error: F, normal: Vec3<F>, radiance: Rgb<F>, density: F, u: [F; 2]) -> Self {
+        let local = cosine_hemisphere(u);
+        let pdf = EmissionPdf { position: PdfArea(density), direction: cosine_hemisphere_pdf(local) };
+        // Le cosθ / (1/A · cosθ/π).
+        let weight = radiance * (F::splat(PI) / density);
+        Self { o, error, normal, d: Frame::around(normal).to_world(local), weight, pdf }
+    }
+
+    /// From a point into a direction that was drawn with this density.
+    #[inline(always)]
+    fn of_point(o: Vec3<F>, d: Vec3<F>, intensity: Rgb<F>, direction: PdfSolidAngle<F>) -> Self {
+        let pdf = EmissionPdf { position: PdfArea(F::one()), direction };
+        Self { o, error: F::zero(), normal: Vec3::zero(), d, weight: intensity * direction.0.recip(), pdf }
+    }
+
     /// The ray, moved off its surface.
-    pub fn ray(&self, time: f32) -> Ray<f32> {
+    pub fn ray(&self, time: F) -> Ray<F> {
         let o = offset_from_surface(self.o, self.error, self.normal, self.d);
-        Ray { o: o.array(), d: self.d.array(), tmax: f32::INFINITY, time }
+        Ray { o: o.array(), d: self.d.array(), tmax: F::splat(f32::INFINITY), time }
     }
 }
 
@@ -61,115 +107,171 @@ impl Emitters {
         Self { sphere: (center, radius), ..self }
     }
 
-    fn kind(&self, emitter: u32) -> Kind {
-        KINDS[self.record::<f32>(Index1(emitter), 0)[3].to_bits() as usize]
-    }
-
-    /// Whether it is infinitely far.
-    pub fn is_infinite(&self, emitter: u32) -> bool {
-        matches!(self.kind(emitter), Kind::Directional | Kind::Environment)
-    }
-
-    /// Whether a ray can find it.
-    pub fn is_hittable(&self, emitter: u32) -> bool {
-        !matches!(self.kind(emitter), Kind::Point | Kind::Spot | Kind::Directional)
-    }
-
-    /// Density per area of the disk that infinite emitters shine from.
-    fn disk_pdf(&self) -> PdfArea<f32> {
-        PdfArea(1.0 / (PI * self.sphere.1 * self.sphere.1))
-    }
-
-    /// A ray from an emitter, by four numbers in [0, 1).
-    pub fn emit(&self, emitter: u32, position: [f32; 2], direction: [f32; 2]) -> Emission {
-        let record = |n: u32| self.record::<f32>(Index1(emitter), n);
-        let vector = |n: u32| Vec3::of_record(record(n));
-        let value = Rgb::of_record(record(0));
-        let [x, y, z, density] = record(1);
-        let place = crate::math::vec3(x, y, z);
-        let surface = |o: Vec3<f32>, error: f32, normal: Vec3<f32>| {
-            let local = cosine_hemisphere(direction);
-            let pdf = EmissionPdf { position: PdfArea(density), direction: cosine_hemisphere_pdf(local) };
-            let d = Frame::around(normal).to_world(local);
-            // Le cosθ / (1/A · cosθ/π).
-            Emission { o, error, normal, d, weight: value * (PI / density), pdf }
-        };
-        let flat = |[a, b]: [f32; 2]| {
-            let (e1, e2) = (vector(2), vector(3));
-            let error = (place.max_abs() + e1.max_abs() + e2.max_abs()) * POINT_ERROR;
-            surface(e1.mul_add(a, e2.mul_add(b, place)), error, vector(4))
-        };
-        let point = |d: Vec3<f32>, weight: Rgb<f32>, pdf: PdfSolidAngle<f32>| {
-            let pdf = EmissionPdf { position: PdfArea(1.0), direction: pdf };
-            Emission { o: place, error: 0.0, normal: Vec3::zero(), d, weight: weight * (1.0 / pdf.direction.0), pdf }
-        };
-        match self.kind(emitter) {
-            Kind::Triangle => flat(uniform_triangle(position)),
-            Kind::Parallelogram => flat(position),
-            Kind::Disk => flat(uniform_disk(position)),
-            Kind::Sphere => {
-                let [radius, sign, ..] = record(2);
-                let n = uniform_sphere(position);
-                surface(place + n * radius, (place.max_abs() + radius) * POINT_ERROR, n * sign)
-            }
-            Kind::Point => point(uniform_sphere(direction), value, uniform_sphere_pdf()),
-            Kind::Spot => {
-                let [cutoff, ramp, ..] = record(2);
-                let one_minus_cos = one_minus_cos(cutoff);
-                let local = uniform_cone(direction, one_minus_cos);
-                let falloff = ((cutoff - math::acos(local.z)) * ramp).clamp(0.0, 1.0);
-                point(Frame::around(vector(4)).to_world(local), value * falloff, uniform_cone_pdf(one_minus_cos))
-            }
-            Kind::Directional => self.beam(-place, position, value, PdfSolidAngle(1.0)),
-            Kind::Environment => {
-                let (_, environment) =
-                    self.environments.iter().find(|(number, _)| *number == emitter).expect("its surroundings");
-                let (w, pdf, radiance) = environment.sample(direction);
-                let weight = (radiance * (1.0 / pdf.0)).masked(pdf.0 > 0.0);
-                self.beam(-w, position, weight, pdf)
+    /// Calls `f` for each kind of emitters present, with its lanes.
+    #[inline(always)]
+    fn each_kind<F: Real>(&self, emitter: F::Index, mask: F::Mask, mut f: impl FnMut(Kind, F::Mask)) {
+        if self.present.is_power_of_two() {
+            return f(KINDS[self.present.trailing_zeros() as usize], mask);
+        }
+        let kind = self.record::<F>(emitter, 0)[3].to_bits();
+        for k in KINDS {
+            if self.present >> k as u32 & 1 == 1 {
+                let lanes = mask & kind.eq(F::Index::splat(k as u32));
+                if lanes.any() {
+                    f(k, lanes);
+                }
             }
         }
     }
 
+    #[inline(always)]
+    fn are<F: Real>(&self, emitter: F::Index, kinds: &[Kind]) -> F::Mask {
+        let mut found = F::Mask::splat(false);
+        self.each_kind::<F>(emitter, F::Mask::splat(true), |kind, lanes| {
+            if kinds.contains(&kind) {
+                found = found | lanes;
+            }
+        });
+        found
+    }
+
+    /// Lanes whose emitter is infinitely far.
+    #[inline(always)]
+    pub fn is_infinite<F: Real>(&self, emitter: F::Index) -> F::Mask {
+        self.are::<F>(emitter, &[Kind::Directional, Kind::Environment])
+    }
+
+    /// Lanes whose emitter a ray can find.
+    #[inline(always)]
+    pub fn is_hittable<F: Real>(&self, emitter: F::Index) -> F::Mask {
+        !self.are::<F>(emitter, &[Kind::Point, Kind::Spot, Kind::Directional])
+    }
+
+    /// Density per area of the disk that infinite emitters shine from.
+    fn disk_pdf<F: Real>(&self) -> PdfArea<F> {
+        PdfArea(F::splat(1.0 / (PI * self.sphere.1 * self.sphere.1)))
+    }
+
+    /// Density per area of points of a surface of this kind.
+    #[inline(always)]
+    fn density<F: Real>(&self, kind: Kind, emitter: F::Index, time: F) -> F {
+        match kind {
+            _ if !self.has_moving() => self.record::<F>(emitter, 1)[3],
+            Kind::Sphere => self.ball(emitter, time).3,
+            _ => self.flat(emitter, time).density,
+        }
+    }
+
+    /// A ray from an emitter at a time, by four numbers in [0, 1).
+    #[inline(never)]
+    pub fn emit<F: Real>(
+        &self,
+        emitter: F::Index,
+        time: F,
+        position: [F; 2],
+        direction: [F; 2],
+        mask: F::Mask,
+    ) -> Emission<F> {
+        let value = Rgb::of_record(self.record::<F>(emitter, 0));
+        let flat = |[a, b]: [F; 2]| {
+            let flat = self.flat(emitter, time);
+            let [e1, e2] = flat.edges;
+            let error = (flat.p0.max_abs() + e1.max_abs() + e2.max_abs()) * POINT_ERROR;
+            let o = e1.mul_add(a, e2.mul_add(b, flat.p0));
+            Emission::of_surface(o, error, flat.normal, value, flat.density, direction)
+        };
+        let mut emission = Emission::none();
+        self.each_kind::<F>(emitter, mask, |kind, lanes| {
+            let e = match kind {
+                Kind::Triangle => flat(uniform_triangle(position)),
+                Kind::Parallelogram => flat(position),
+                Kind::Disk => flat(uniform_disk(position)),
+                Kind::Sphere => {
+                    let (center, radius, sign, density) = self.ball(emitter, time);
+                    let (n, error) = (uniform_sphere(position), (center.max_abs() + radius) * POINT_ERROR);
+                    Emission::of_surface(n.mul_add(radius, center), error, n * sign, value, density, direction)
+                }
+                Kind::Point => {
+                    let d = uniform_sphere(direction);
+                    Emission::of_point(self.place(emitter, time), d, value, uniform_sphere_pdf())
+                }
+                Kind::Spot => {
+                    let [cutoff, ramp, ..] = self.record::<F>(emitter, 2);
+                    let one_minus_cos = one_minus_cos(cutoff);
+                    let local = uniform_cone(direction, one_minus_cos);
+                    let falloff = ((cutoff - math::acos(local.z)) * ramp).clamp(0.0, 1.0);
+                    let (place, d) =
+                        (self.place(emitter, time), Frame::around(self.axis(emitter, time)).to_world(local));
+                    Emission::of_point(place, d, value * falloff, uniform_cone_pdf(one_minus_cos))
+                }
+                Kind::Directional => {
+                    let d = -Vec3::of_record(self.record::<F>(emitter, 1));
+                    self.beam(d, position, value, PdfSolidAngle(F::one()))
+                }
+                Kind::Environment => {
+                    let drawn = self.sample_environment(emitter, direction, lanes);
+                    self.beam(-drawn.wi, position, drawn.weight, drawn.pdf)
+                }
+            };
+            emission = if lanes.all() { e } else { Emission::select(lanes, e, emission) };
+        });
+        emission
+    }
+
     /// A ray into the direction `d`, from the disk before the scene.
-    fn beam(&self, d: Vec3<f32>, position: [f32; 2], weight: Rgb<f32>, direction: PdfSolidAngle<f32>) -> Emission {
+    #[inline(always)]
+    fn beam<F: Real>(&self, d: Vec3<F>, position: [F; 2], weight: Rgb<F>, direction: PdfSolidAngle<F>) -> Emission<F> {
         let (center, radius) = (Vec3::splat(self.sphere.0), self.sphere.1);
         let [x, y] = uniform_disk(position).map(|x| x * radius);
         let frame = Frame::around(d);
-        let o = center + frame.s * x + frame.t * y - d * radius;
+        let o = center + frame.s * x + frame.t * y - d * F::splat(radius);
         let pdf = EmissionPdf { position: self.disk_pdf(), direction };
-        Emission { o, error: 0.0, normal: Vec3::zero(), d, weight: weight * (1.0 / pdf.position.0), pdf }
+        Emission { o, error: F::zero(), normal: Vec3::zero(), d, weight: weight * pdf.position.0.recip(), pdf }
     }
 
     /// The densities with which [`Emitters::emit`] draws a ray into the unit direction `d`, from a point with geometric normal
     /// `normal` where the emitter is a surface.
-    pub fn emission_pdf(&self, emitter: u32, normal: Vec3<f32>, d: Vec3<f32>) -> EmissionPdf {
-        let record = |n: u32| self.record::<f32>(Index1(emitter), n);
-        let (position, direction) = match self.kind(emitter) {
-            Kind::Triangle | Kind::Parallelogram | Kind::Disk | Kind::Sphere => {
-                (PdfArea(record(1)[3]), PdfSolidAngle(normal.dot(d).max(0.0) / PI))
-            }
-            Kind::Point => (PdfArea(1.0), uniform_sphere_pdf()),
-            Kind::Spot => {
-                let cutoff = record(2)[0];
-                let within = math::acos(Vec3::of_record(record(4)).dot(d)) < cutoff;
-                let pdf = uniform_cone_pdf(one_minus_cos(cutoff));
-                (PdfArea(1.0), if within { pdf } else { PdfSolidAngle(0.0) })
-            }
-            Kind::Directional => (self.disk_pdf(), PdfSolidAngle(1.0)),
-            Kind::Environment => {
-                let of = |number: u32| self.environments.iter().find(|(n, _)| *n == number);
-                (self.disk_pdf(), of(emitter).map_or(PdfSolidAngle(0.0), |(_, e)| e.eval(-d).1))
-            }
-        };
-        EmissionPdf { position, direction }
+    #[inline(never)]
+    pub fn emission_pdf<F: Real>(
+        &self,
+        emitter: F::Index,
+        time: F,
+        normal: Vec3<F>,
+        d: Vec3<F>,
+        mask: F::Mask,
+    ) -> EmissionPdf<F> {
+        let mut pdf = EmissionPdf::new(F::one(), F::zero());
+        self.each_kind::<F>(emitter, mask, |kind, lanes| {
+            let of_kind = match kind {
+                Kind::Triangle | Kind::Parallelogram | Kind::Disk | Kind::Sphere => {
+                    EmissionPdf::new(self.density(kind, emitter, time), normal.dot(d).relu() * (1.0 / PI))
+                }
+                Kind::Point => EmissionPdf { position: PdfArea(F::one()), direction: uniform_sphere_pdf() },
+                Kind::Spot => {
+                    let cutoff = self.record::<F>(emitter, 2)[0];
+                    let within = math::acos(self.axis(emitter, time).dot(d)).lt(cutoff);
+                    let cone = uniform_cone_pdf(one_minus_cos(cutoff));
+                    EmissionPdf::new(F::one(), F::select(within, cone.0, F::zero()))
+                }
+                Kind::Directional => EmissionPdf { position: self.disk_pdf(), direction: PdfSolidAngle(F::one()) },
+                Kind::Environment => {
+                    let direction = self.environments.iter().fold(F::zero(), |found, (number, environment)| {
+                        F::select(emitter.eq(F::Index::splat(*number)), environment.eval(-d).1.0, found)
+                    });
+                    EmissionPdf { position: self.disk_pdf(), direction: PdfSolidAngle(direction) }
+                }
+            };
+            pdf = if lanes.all() { of_kind } else { EmissionPdf::select(lanes, of_kind, pdf) };
+        });
+        pdf
     }
 }
 
 /// 1 − cos, without cancellation.
-fn one_minus_cos(angle: f32) -> f32 {
-    let half = (0.5 * angle).sin();
-    2.0 * half * half
+#[inline(always)]
+fn one_minus_cos<F: Real>(angle: F) -> F {
+    let (half, _) = math::sin_cos(angle * 0.5);
+    half * half * 2.0
 }
 
 #[cfg(test)]
@@ -178,6 +280,7 @@ mod tests {
     use crate::emitter::{Emitter, Environment, EnvironmentImage};
     use crate::testing::{SIGNIFICANCE, chi2_directions, chi2_square, seeded_pairs, t_test_p_value};
     use glam::Vec3 as V;
+    use rebond_lanes::{F32x16, scalar::Index1};
 
     const RADIUS: f32 = 3.0;
     const RADIANCE: [f32; 3] = [0.7, 1.3, 2.1];
@@ -215,20 +318,24 @@ mod tests {
         Emitters::new(&emitters(), vec![environment]).around([0.5, -0.5, 0.25], RADIUS)
     }
 
+    fn emit(table: &Emitters, emitter: u32, position: [f32; 2], direction: [f32; 2]) -> Emission<f32> {
+        table.emit(Index1(emitter), 0.0, position, direction, true)
+    }
+
     /// χ² of directions; about the emitter's normal, those of surfaces.
     #[test]
     fn directions_follow_their_densities() {
         let table = table();
         for emitter in [0, 1, 2, 3, 4, 5, 6, 7, 9] {
             // One position, so that there is one normal.
-            let normal = table.emit(emitter, [0.3, 0.6], [0.5; 2]).normal;
+            let normal = emit(&table, emitter, [0.3, 0.6], [0.5; 2]).normal;
             let frame = Frame::around(if normal.length() > 0.0 { normal } else { Vec3::splat([0.0, 0.0, 1.0]) });
             // The edge of the cone would cut bins.
             let axis = V::new(0.3, -0.5, 0.7).normalize().to_array();
             let frame = if emitter == 6 || emitter == 7 { Frame::around(Vec3::splat(axis)) } else { frame };
             let sample = |u| {
-                let e = table.emit(emitter, [0.3, 0.6], u);
-                let same = table.emission_pdf(emitter, e.normal, e.d);
+                let e = emit(&table, emitter, [0.3, 0.6], u);
+                let same = table.emission_pdf(Index1(emitter), 0.0, e.normal, e.d, true);
                 assert!(
                     (same.direction.0 / e.pdf.direction.0 - 1.0).abs() < 2e-3,
                     "{emitter}: {same:?} for {:?}",
@@ -237,7 +344,7 @@ mod tests {
                 assert!((same.position.0 / e.pdf.position.0 - 1.0).abs() < 1e-5);
                 Some(frame.to_local(e.d))
             };
-            let pdf = |w| table.emission_pdf(emitter, normal, frame.to_world(w)).direction.0;
+            let pdf = |w| table.emission_pdf(Index1(emitter), 0.0, normal, frame.to_world(w), true).direction.0;
             chi2_directions(&format!("emitter {emitter}"), sample, pdf);
         }
     }
@@ -247,7 +354,7 @@ mod tests {
     fn positions_follow_their_densities() {
         let table = table();
         let normal = V::new(0.3, -0.5, 0.7).normalize();
-        let o = |emitter: u32, u: [f32; 2]| V::from(table.emit(emitter, u, [0.5; 2]).o.array());
+        let o = |emitter: u32, u: [f32; 2]| V::from(emit(&table, emitter, u, [0.5; 2]).o.array());
         let [p, a, b] = [V::new(1.0, 0.2, -0.4), V::new(0.9, 0.1, 0.2), V::new(-0.2, 0.8, 0.4)];
         let along = |x: V| {
             let n = a.cross(b);
@@ -296,12 +403,96 @@ mod tests {
                 finite => finite.power(RADIUS)[1],
             };
             let pairs = seeded_pairs(40_000, 1).zip(seeded_pairs(40_000, 2));
-            let weights: Vec<f64> = pairs.map(|(u, v)| f64::from(table.emit(number as u32, u, v).weight.g)).collect();
+            let weights: Vec<f64> = pairs.map(|(u, v)| f64::from(emit(&table, number as u32, u, v).weight.g)).collect();
             if matches!(number, 6 | 7 | 9) {
                 let p = t_test_p_value(&weights, power);
                 assert!(p > SIGNIFICANCE, "{number}: p {p} for {power}");
             } else {
                 weights.iter().for_each(|w| assert!((w / power - 1.0).abs() < 1e-5, "{number}: {w} for {power}"));
+            }
+        }
+    }
+
+    /// What moves shines from where it is, with the densities of its size then: a moved table against emitters that stand there.
+    #[test]
+    fn what_moves_shines_from_where_it_is() {
+        let moved = glam::Affine3A::from_scale_rotation_translation(
+            V::splat(1.7),
+            glam::Quat::from_axis_angle(V::new(1.0, 2.0, -0.5).normalize(), 0.8),
+            V::new(0.3, -0.2, 0.9),
+        );
+        let rows = |m: glam::Affine3A| {
+            let (c, t) = (m.matrix3.transpose(), m.translation);
+            [(c.x_axis, t.x), (c.y_axis, t.y), (c.z_axis, t.z)].map(|(r, t)| [r.x, r.y, r.z, t])
+        };
+        let still: Vec<Emitter> = emitters().into_iter().take(8).collect();
+        let there = still.iter().map(|e| match *e {
+            Emitter::Triangle { p: [p, a, b], radiance } => {
+                let v = |v| moved.transform_vector3(v);
+                Emitter::Triangle { p: [moved.transform_point3(p), v(a), v(b)], radiance }
+            }
+            Emitter::Parallelogram { p: [p, a, b], radiance } => {
+                let v = |v| moved.transform_vector3(v);
+                Emitter::Parallelogram { p: [moved.transform_point3(p), v(a), v(b)], radiance }
+            }
+            Emitter::Sphere { center, radius, inwards, radiance } => {
+                Emitter::Sphere { center: moved.transform_point3(center), radius: radius * 1.7, inwards, radiance }
+            }
+            Emitter::Disk { center, normal, radius, radiance } => {
+                let normal = moved.transform_vector3(normal).normalize();
+                Emitter::Disk { center: moved.transform_point3(center), normal, radius: radius * 1.7, radiance }
+            }
+            Emitter::Point { position, intensity } => {
+                Emitter::Point { position: moved.transform_point3(position), intensity }
+            }
+            Emitter::Spot { position, axis, angles, intensity } => {
+                let axis = moved.transform_vector3(axis).normalize();
+                Emitter::Spot { position: moved.transform_point3(position), axis, angles, intensity }
+            }
+            other => other,
+        });
+        let there = Emitters::new(&there.collect::<Vec<_>>(), vec![]);
+        let motion = vec![(0.0, rows(glam::Affine3A::IDENTITY)), (1.0, rows(moved))];
+        let moving = Emitters::new(&still, vec![]).moving(&[(0..8, motion)]);
+        for emitter in 0..8 {
+            let means = [&moving, &there].map(|table| {
+                let each = seeded_pairs(4000, 5).zip(seeded_pairs(4000, 6)).map(|(u, v)| {
+                    let e = table.emit(Index1(emitter), 1.0, u, v, true);
+                    let again = table.emission_pdf(Index1(emitter), 1.0, e.normal, e.d, true);
+                    assert!((again.position.0 / e.pdf.position.0 - 1.0).abs() < 1e-4, "{emitter}: position");
+                    assert!((again.direction.0 / e.pdf.direction.0 - 1.0).abs() < 2e-3, "{emitter}: direction");
+                    V::from(e.o.array()) + V::from(e.d.array()) + V::new(e.weight.g, e.pdf.position.0, 0.0)
+                });
+                each.sum::<V>() / 4000.0
+            });
+            // Disks and spots turn about their axes: only means are the same.
+            let apart = (means[0] - means[1]).length() / means[1].length();
+            assert!(apart < 0.06, "{emitter}: {means:?}");
+        }
+    }
+
+    /// Lanes draw what single paths do, kinds mixed.
+    #[test]
+    fn lanes_emit_what_single_paths_do() {
+        let table = table();
+        let of = |u: &[[f32; 2]], i: usize| F32x16::load(&u.iter().map(|u| u[i]).collect::<Vec<_>>());
+        for seed in 0..20 {
+            let (u, v): (Vec<_>, Vec<_>) = (seeded_pairs(16, seed).collect(), seeded_pairs(16, seed + 50).collect());
+            let numbers =
+                (0..16).fold(<F32x16 as Real>::Index::splat(0), |n, i| n.with_lane(i, (i as u32 * 7 + 3) % 10));
+            let all = Mask::splat(true);
+            let wide = table.emit(numbers, F32x16::zero(), [of(&u, 0), of(&u, 1)], [of(&v, 0), of(&v, 1)], all);
+            let again = table.emission_pdf(numbers, F32x16::zero(), wide.normal, wide.d, all);
+            for i in 0..16 {
+                let one = emit(&table, numbers.lane(i), u[i], v[i]);
+                let close = |a: f32, b: f32| assert!((a - b).abs() <= 1e-5 * b.abs().max(1.0), "lane {i}: {a} for {b}");
+                (0..3).for_each(|c| close(wide.o.lane(i)[c], one.o.array()[c]));
+                (0..3).for_each(|c| close(wide.d.lane(i)[c], one.d.array()[c]));
+                (0..3).for_each(|c| {
+                    close(wide.weight.lane(i)[c] / (1.0 + one.weight.g), one.weight.lane(0)[c] / (1.0 + one.weight.g))
+                });
+                close(wide.pdf.direction.0.lane(i), one.pdf.direction.0);
+                assert!((again.direction.0.lane(i) / one.pdf.direction.0 - 1.0).abs() < 2e-3);
             }
         }
     }

@@ -1,10 +1,11 @@
 //! Which emitter a point asks for light.
 
-use super::light_tree::LightTree;
+use super::light_list::LightList;
+use super::light_tree::{Light, LightTree};
 use super::{Emitter, importance};
 use crate::math::Vec3;
 use crate::sampling::Discrete;
-use rebond_lanes::{Index, Mask, Real, Record, scalar::Index1};
+use rebond_lanes::{Index, Mask, Real, Record};
 use serde::{Deserialize, Serialize};
 
 /// How an emitter is chosen.
@@ -17,8 +18,8 @@ pub enum LightChoice {
     Tree,
 }
 
-/// Emitters with a place from which on a hierarchy is used, if nothing else is asked for. Five already gain much (`benches/many_lights`).
-const TREE_FROM: usize = 4;
+/// Emitters with a place from which on where they are counts, if nothing else is asked for. Two already gain much.
+const TREE_FROM: usize = 2;
 
 /// A choice among the emitters.
 #[derive(Clone, Debug, Default)]
@@ -39,11 +40,18 @@ enum Choice {
 /// Emitters that have a place, and those that are infinitely far.
 #[derive(Clone, Debug)]
 struct Apart {
-    tree: LightTree,
-    /// [probability of choosing among its like, whether it is in the tree (word), number among the infinite (word), –] of
+    placed: Placed,
+    /// [probability of choosing among its like, whether it has a place (word), number among the infinite (word), –] of
     /// each emitter.
     kinds: Vec<Record>,
     infinite: Option<Infinite>,
+}
+
+/// How those with a place are chosen from.
+#[derive(Clone, Debug)]
+enum Placed {
+    List(LightList),
+    Tree(LightTree),
 }
 
 #[derive(Clone, Debug)]
@@ -68,15 +76,21 @@ impl LightSampler {
         }
         let placed = |e: &Emitter| !matches!(e, Emitter::Directional { .. } | Emitter::Environment { .. });
         let few = emitters.iter().filter(|e| placed(e)).count() < TREE_FROM;
-        let tree = match choice {
-            Some(LightChoice::Power) => None,
-            None if few => None,
-            _ => LightTree::new(emitters),
+        let lights = match choice {
+            Some(LightChoice::Power) => vec![],
+            None if few => vec![],
+            _ => Light::all(emitters),
         };
-        let Some(tree) = tree else {
+        if lights.is_empty() {
             let by_power = by_power(&power);
             let choice = by_power.clone().map_or(Choice::Nothing, Choice::Power);
             return Some(Self { choice, by_power });
+        }
+        let listed = lights.len() <= LightList::MOST;
+        let placed_ones = if listed {
+            Placed::List(LightList::new(&lights, emitters.len()))
+        } else {
+            Placed::Tree(LightTree::new(lights, emitters.len()))
         };
         let far: Vec<usize> = (0..emitters.len()).filter(|i| !placed(&emitters[*i])).collect();
         let power_of_far: Vec<f64> = far.iter().map(|i| power[*i]).collect();
@@ -96,7 +110,7 @@ impl LightSampler {
                 *kind = Record::default();
             }
         }
-        let choice = Choice::Tree(Box::new(Apart { tree, kinds, infinite }));
+        let choice = Choice::Tree(Box::new(Apart { placed: placed_ones, kinds, infinite }));
         Some(Self { choice, by_power: by_power(&power) })
     }
 
@@ -131,20 +145,23 @@ impl LightSampler {
     }
 
     /// An emitter that light leaves from, and the probability of that choice: by power. `None` in a scene without light.
-    pub fn source(&self, u: f32) -> Option<(u32, f32)> {
-        let (emitter, probability) = self.by_power.as_ref()?.sample::<f32>(u);
-        Some((emitter.lane(0), probability))
+    #[inline(always)]
+    pub fn source<F: Real>(&self, u: impl FnOnce() -> F) -> Option<(F::Index, F)> {
+        let by_power = self.by_power.as_ref()?;
+        let u = if by_power.len() == 1 { F::zero() } else { u() };
+        Some(by_power.sample(u))
     }
 
     /// The probability with which [`LightSampler::source`] chooses this emitter.
-    pub fn source_probability(&self, emitter: u32) -> f32 {
-        self.by_power.as_ref().map_or(0.0, |by_power| by_power.probability::<f32>(Index1(emitter)))
+    #[inline(always)]
+    pub fn source_probability<F: Real>(&self, emitter: F::Index) -> F {
+        self.by_power.as_ref().map_or(F::zero(), |by_power| by_power.probability(emitter))
     }
 
     /// Bytes of a tree.
     pub fn bytes(&self) -> usize {
         match &self.choice {
-            Choice::Tree(apart) => apart.tree.bytes() + apart.kinds.len() * size_of::<Record>(),
+            Choice::Tree(apart) => apart.placed.bytes() + apart.kinds.len() * size_of::<Record>(),
             _ => 0,
         }
     }
@@ -161,16 +178,41 @@ fn kind(probability: f32, in_tree: bool, number: u32) -> Record {
     Record([probability, f32::from_bits(in_tree.into()), f32::from_bits(number), 0.0])
 }
 
+impl Placed {
+    #[inline(always)]
+    fn sample<F: Real>(&self, p: Vec3<F>, n: Vec3<F>, u: F, mask: F::Mask) -> (F::Index, F) {
+        match self {
+            Self::List(list) => list.sample(p, n, u),
+            Self::Tree(tree) => tree.sample(p, n, u, mask),
+        }
+    }
+
+    #[inline(always)]
+    fn probability<F: Real>(&self, p: Vec3<F>, n: Vec3<F>, emitter: F::Index, mask: F::Mask) -> F {
+        match self {
+            Self::List(list) => list.probability(p, n, emitter),
+            Self::Tree(tree) => tree.probability(p, n, emitter, mask),
+        }
+    }
+
+    fn bytes(&self) -> usize {
+        match self {
+            Self::List(list) => list.bytes(),
+            Self::Tree(tree) => tree.bytes(),
+        }
+    }
+}
+
 impl Apart {
     // Apart, so that scenes without a tree keep their loops short.
     #[inline(never)]
     fn sample<F: Real>(&self, p: Vec3<F>, n: Vec3<F>, u: F, mask: F::Mask) -> (F::Index, F) {
         let Some(Infinite { by_power, share, numbers }) = &self.infinite else {
-            return self.tree.sample(p, n, u, mask);
+            return self.placed.sample(p, n, u, mask);
         };
         let far = u.lt(F::splat(*share));
         let (number, among) = by_power.sample((u * (1.0 / share)).min(F::splat(1.0 - f32::EPSILON / 2.0)));
-        let (placed, probability) = self.tree.sample(p, n, (u - *share) * (1.0 / (1.0 - share)), mask.and_not(far));
+        let (placed, probability) = self.placed.sample(p, n, (u - *share) * (1.0 / (1.0 - share)), mask.and_not(far));
         let infinite = F::words(numbers, number)[0];
         (F::Index::select(far, infinite, placed), F::select(far, among * *share, probability * (1.0 - share)))
     }
@@ -181,7 +223,7 @@ impl Apart {
         let in_tree = mask & in_tree.to_bits().ne(F::Index::splat(0));
         let mut among = F::zero();
         if in_tree.any() {
-            among = self.tree.probability(p, n, emitter, in_tree);
+            among = self.placed.probability(p, n, emitter, in_tree);
         }
         if let Some(infinite) = &self.infinite {
             among = F::select(in_tree, among, infinite.by_power.probability(number.to_bits()));

@@ -15,9 +15,10 @@
 //! lights beyond the neighbouring ones apart from those where they lie on a floor that they light; cones of spheres, as p
 //! is within most of them, would not.
 //!
-//! A choice goes down the tree, to one of two children in proportion to I. Light may come from behind n, since it may go
-//! through what is there. Cosines have a floor: what the bounds rule out is drawn seldom, but it is drawn, so that rounding
-//! biases nothing.
+//! A choice goes down the tree, to one of two children in proportion to I. A point without a normal, whose material sends light
+//! into a lobe, hardly knows what counts: there in proportion to √I, so that choices are more alike. Light may come from
+//! behind n, since it may go through what is there. Cosines have a floor: what the bounds rule out is drawn seldom, but it is
+//! drawn, so that rounding biases nothing.
 
 use super::{Emitter, area_vector, importance};
 use crate::math::{Vec3, vec3};
@@ -59,9 +60,10 @@ struct Summary {
 
 /// An emitter, and what is known of it.
 #[derive(Clone, Copy, Debug)]
-struct Light {
+pub(super) struct Light {
     summary: Summary,
-    number: u32,
+    /// Among all emitters.
+    pub number: u32,
 }
 
 impl Light {
@@ -92,8 +94,86 @@ impl Light {
         Some(Self { summary: Summary { lo, hi, axis, angles, intensity }, number })
     }
 
+    /// Those of some emitters that shine from somewhere.
+    pub fn all(emitters: &[Emitter]) -> Vec<Self> {
+        let powers = || emitters.iter().map(|e| importance(e, 0.0));
+        let most = powers().fold(0.0, f64::max);
+        let numbered = emitters.iter().zip(0_u32..).zip(powers()).filter(|(_, power)| *power > 0.0);
+        let mut lights: Vec<Self> = numbered.filter_map(|((e, i), _)| Self::new(i, e, most)).collect();
+        // So that intensity over distance² is about 1 whatever the unit of length.
+        let (lo, hi) = lights
+            .iter()
+            .fold((V::INFINITY, V::NEG_INFINITY), |(lo, hi), l| (lo.min(l.summary.lo), hi.max(l.summary.hi)));
+        let scale = (hi - lo).as_dvec3().length_squared().clamp(1e-15, 1e15) as f32;
+        lights.iter_mut().for_each(|l| l.summary.intensity = (l.summary.intensity * scale).clamp(1e-30, 1e30));
+        lights
+    }
+
     fn center(&self) -> V {
         self.summary.lo.midpoint(self.summary.hi)
+    }
+
+    /// What bounds it, alone.
+    pub fn bounds(&self) -> Bounds<f32> {
+        let Summary { lo, hi, axis, angles: [o, e], intensity } = self.summary;
+        let lanes = |v: V| Vec3::splat(v.to_array());
+        Bounds {
+            center: lanes(self.center()),
+            half: lanes((hi - lo) * 0.5),
+            axis: lanes(axis),
+            cos_o: o.min(PI).cos(),
+            cos_e: (e + 1e-3).min(PI).cos(),
+            intensity,
+        }
+    }
+}
+
+/// What bounds the emitters of a node: a box, their normals' cone, what leaves around each.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Bounds<F: Real> {
+    center: Vec3<F>,
+    /// Half extents.
+    half: Vec3<F>,
+    axis: Vec3<F>,
+    cos_o: F,
+    cos_e: F,
+    intensity: F,
+}
+
+impl Bounds<f32> {
+    /// The same in every lane.
+    #[inline(always)]
+    pub fn splat<F: Real>(&self) -> Bounds<F> {
+        let lanes = |v: Vec3<f32>| Vec3::splat(v.array());
+        Bounds {
+            center: lanes(self.center),
+            half: lanes(self.half),
+            axis: lanes(self.axis),
+            cos_o: F::splat(self.cos_o),
+            cos_e: F::splat(self.cos_e),
+            intensity: F::splat(self.intensity),
+        }
+    }
+}
+
+impl<F: Real> Bounds<F> {
+    /// Those of a node, from its records.
+    #[inline(always)]
+    fn unpack([x, y, z, extents]: [F; 4], [axis, cones, intensity, _]: [F; 4]) -> Self {
+        let word = extents.to_bits();
+        let unit = F::from_bits((word >> 24) << 23) * (1.0 / 255.0);
+        let half = |shift: u32| F::from_index((word >> shift) & F::Index::splat(255)) * unit;
+        let word = axis.to_bits();
+        let coordinate = |shift: u32| F::from_index((word >> shift) & F::Index::splat(1023)) * (1.0 / 511.0) - 1.0;
+        let cosine = |bits: F::Index| F::from_index(bits) * (1.0 / 32_767.5) - 1.0;
+        Self {
+            center: vec3(x, y, z),
+            half: vec3(half(16), half(8), half(0)),
+            axis: vec3(coordinate(20), coordinate(10), coordinate(0)),
+            cos_o: cosine(cones.to_bits() >> 16),
+            cos_e: cosine(cones.to_bits() & F::Index::splat(0xffff)),
+            intensity,
+        }
     }
 }
 
@@ -270,26 +350,23 @@ fn with_sine<F: Real>(cos: F) -> [F; 2] {
 }
 
 /// A point that asks for light.
-struct Receiver<F: Real> {
+pub(super) struct Receiver<F: Real> {
     p: Vec3<F>,
     n: Vec3<F>,
-    /// 1 if it has no normal, and receives the same from everywhere; else 0.
-    bare: F,
+    /// It has no normal, and receives the same from everywhere.
+    bare: F::Mask,
 }
 
 impl<F: Real> Receiver<F> {
-    fn new(p: Vec3<F>, n: Vec3<F>) -> Self {
-        Self { p, n, bare: F::select(n.length_squared().gt(F::zero()), F::zero(), F::one()) }
+    #[inline(always)]
+    pub fn new(p: Vec3<F>, n: Vec3<F>) -> Self {
+        Self { p, n, bare: !n.length_squared().gt(F::zero()) }
     }
 
     /// How bright a node looks from here.
     #[inline(always)]
-    fn importance(&self, [x, y, z, extents]: [F; 4], [axis, cones, intensity, _]: [F; 4]) -> F {
-        let to = vec3(x, y, z) - self.p;
-        let word = extents.to_bits();
-        let unit = F::from_bits((word >> 24) << 23) * (1.0 / 255.0);
-        let half = |shift: u32| F::from_index((word >> shift) & F::Index::splat(255)) * unit;
-        let half = vec3(half(16), half(8), half(0));
+    pub fn importance(&self, Bounds { center, half, axis, cos_o, cos_e, intensity }: Bounds<F>) -> F {
+        let to = center - self.p;
         let tiny = F::splat(1e-30);
         let (d2, r2) = (to.length_squared(), half.length_squared());
         let away = to.map(F::abs);
@@ -299,20 +376,16 @@ impl<F: Real> Receiver<F> {
         let b = [sin2_b.sqrt(), (F::one() - sin2_b).safe_sqrt()];
         let inverse = d2.max(tiny).sqrt().recip();
 
-        let word = axis.to_bits();
-        let coordinate = |shift: u32| F::from_index((word >> shift) & F::Index::splat(1023)) * (1.0 / 511.0) - 1.0;
-        let axis = vec3(coordinate(20), coordinate(10), coordinate(0));
-        let cosine = |bits: F::Index| F::from_index(bits) * (1.0 / 32_767.5) - 1.0;
-        let o = with_sine(cosine(cones.to_bits() >> 16));
-        let cos_e = cosine(cones.to_bits() & F::Index::splat(0xffff));
+        let o = with_sine(cos_o);
         let w = with_sine(-(axis.dot(to) * inverse));
         let emitter = cos_difference([sin_difference(w, o), cos_difference(w, o)], b);
         let emitter = F::select(emitter.gt(cos_e), emitter, F::zero()).max(F::splat(FLOOR));
 
         let height = self.n.dot(to).abs() + self.n.map(F::abs).dot(half);
-        let receiver = (height / near + self.bare).clamp(FLOOR, 1.0);
+        let receiver = F::select(self.bare, F::one(), (height / near).clamp(FLOOR, 1.0));
         let emitter = F::select(d2.gt(r2), emitter, F::one());
-        intensity * emitter * receiver / (near * far).max(r2 * (1.0 / 3.0)).max(tiny)
+        let brightness = intensity * emitter * receiver / (near * far).max(r2 * (1.0 / 3.0)).max(tiny);
+        if self.bare.none() { brightness } else { F::select(self.bare, brightness.sqrt(), brightness) }
     }
 
     /// The probabilities of the children at `at`, and their links.
@@ -320,7 +393,7 @@ impl<F: Real> Receiver<F> {
     fn children(&self, nodes: &[Record], at: F::Index) -> ([F; 2], [F::Index; 2]) {
         let record = |n: u32| F::record(nodes, at + F::Index::splat(n));
         let (a, b) = ([record(0), record(1)], [record(2), record(3)]);
-        let importance = [self.importance(a[0], a[1]), self.importance(b[0], b[1])];
+        let importance = [a, b].map(|[place, cone]| self.importance(Bounds::unpack(place, cone)));
         let sum = importance[0] + importance[1];
         // False for NaN as well.
         let sound = sum.gt(F::zero()) & sum.is_finite();
@@ -330,24 +403,11 @@ impl<F: Real> Receiver<F> {
 }
 
 impl LightTree {
-    /// A hierarchy over these; `None` if none of them shines from somewhere.
-    pub fn new(emitters: &[Emitter]) -> Option<Self> {
-        let powers = || emitters.iter().map(|e| importance(e, 0.0));
-        let most = powers().fold(0.0, f64::max);
-        let numbered = emitters.iter().zip(0_u32..).zip(powers()).filter(|(_, power)| *power > 0.0);
-        let mut lights: Vec<Light> = numbered.filter_map(|((e, i), _)| Light::new(i, e, most)).collect();
-        if lights.is_empty() {
-            return None;
-        }
-        // So that intensity over distance² is about 1 whatever the unit of length.
-        let (lo, hi) = lights
-            .iter()
-            .fold((V::INFINITY, V::NEG_INFINITY), |(lo, hi), l| (lo.min(l.summary.lo), hi.max(l.summary.hi)));
-        let scale = (hi - lo).as_dvec3().length_squared().clamp(1e-15, 1e15) as f32;
-        lights.iter_mut().for_each(|l| l.summary.intensity = (l.summary.intensity * scale).clamp(1e-30, 1e30));
-        let mut builder = Builder { nodes: Vec::new(), trails: vec![Record::default(); emitters.len()] };
+    /// A hierarchy over these, which are one or more, of so many emitters.
+    pub fn new(mut lights: Vec<Light>, emitters: usize) -> Self {
+        let mut builder = Builder { nodes: Vec::new(), trails: vec![Record::default(); emitters] };
         let (_, root) = builder.build(&mut lights, 0, 0);
-        Some(Self { nodes: builder.nodes, root, trails: builder.trails })
+        Self { nodes: builder.nodes, root, trails: builder.trails }
     }
 
     /// An emitter for the point `p` with normal `n`, and the probability of that choice, for u in [0, 1).

@@ -6,6 +6,7 @@
 mod blur;
 mod emission;
 mod environment;
+mod light_list;
 mod light_sampler;
 mod light_tree;
 
@@ -536,6 +537,13 @@ impl Emitters {
         self.motion(emitter, time).map_or(point, |(m, moves)| Vec3::select(moves, m.point(point), point))
     }
 
+    /// Where a spot points.
+    #[inline(always)]
+    fn axis<F: Real>(&self, emitter: F::Index, time: F) -> Vec3<F> {
+        let axis = Vec3::of_record(self.record(emitter, 4));
+        self.motion(emitter, time).map_or(axis, |(m, moves)| Vec3::select(moves, m.vector(axis).normalized(), axis))
+    }
+
     /// Light of the given emitters at the point `p` at a time, from u in [0, 1)².
     #[inline(always)]
     pub fn sample<F: Real>(
@@ -715,11 +723,7 @@ impl Emitters {
     fn sample_spot<F: Real>(&self, emitter: F::Index, p: Vec3<F>, time: F, intensity: Rgb<F>) -> EmitterSample<F> {
         let mut sample = self.sample_point(emitter, p, time, intensity);
         let [cutoff, ramp, ..] = self.record::<F>(emitter, 2);
-        let mut axis = Vec3::of_record(self.record(emitter, 4));
-        if let Some((m, moves)) = self.motion(emitter, time) {
-            axis = Vec3::select(moves, m.vector(axis).normalized(), axis);
-        }
-        let angle = math::acos(-sample.wi.dot(axis));
+        let angle = math::acos(-sample.wi.dot(self.axis(emitter, time)));
         sample.weight = sample.weight * ((cutoff - angle) * ramp).clamp(0.0, 1.0);
         sample
     }

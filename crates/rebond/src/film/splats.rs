@@ -26,25 +26,34 @@ struct Splat {
 #[derive(Clone, Debug, Default)]
 pub struct Splats {
     list: Vec<Splat>,
-    /// Where those of the path under way begin.
-    first: usize,
+    /// Those of each of the paths under way.
+    under_way: Vec<Vec<Splat>>,
     paths: u64,
 }
 
 impl Splats {
-    /// Light for a pixel, of the path under way. `sheet` is 0 for the picture, n for its layer n − 1.
-    pub fn add(&mut self, sheet: usize, pixel: usize, light: [f32; 3]) {
-        let (sheet, pixel) = (sheet as u32, pixel as u32);
-        match self.list[self.first..].iter_mut().find(|s| (s.sheet, s.pixel) == (sheet, pixel)) {
+    /// Light for a pixel, of one of the paths under way. `sheet` is 0 for the picture, n for its layer n − 1.
+    pub fn add(&mut self, path: usize, sheet: usize, pixel: usize, light: [f32; 3]) {
+        if self.under_way.len() <= path {
+            self.under_way.resize_with(path + 1, Vec::new);
+        }
+        let (sheet, pixel, splats) = (sheet as u32, pixel as u32, &mut self.under_way[path]);
+        match splats.iter_mut().find(|s| (s.sheet, s.pixel) == (sheet, pixel)) {
             Some(splat) => splat.light.iter_mut().zip(light).for_each(|(sum, x)| *sum += x),
-            None => self.list.push(Splat { sheet, pixel, light }),
+            None => splats.push(Splat { sheet, pixel, light }),
         }
     }
 
-    /// The path under way has ended; the next one begins.
-    pub fn end_path(&mut self) {
-        self.first = self.list.len();
-        self.paths += 1;
+    /// No paths, as at first.
+    pub fn clear(&mut self) {
+        self.list.clear();
+        self.paths = 0;
+    }
+
+    /// The paths under way, so many, have ended; the next ones begin.
+    pub fn end_paths(&mut self, paths: usize) {
+        self.under_way.iter_mut().for_each(|splats| self.list.append(splats));
+        self.paths += paths as u64;
     }
 }
 
@@ -66,15 +75,13 @@ struct Received {
 }
 
 impl Received {
-    fn add(&mut self, light: [f32; 3]) {
-        for ((x, sum), squares) in light.map(f64::from).into_iter().zip(&mut self.sum).zip(&mut self.squares) {
-            *sum += fixed(x, VALUE_BITS);
-            let square = x * x;
-            let square = if square < f64::powi(2.0, 60) { fixed(square, SQUARE_BITS) } else { SQUARES_REACH };
-            *squares = (*squares + square).min(SQUARES_REACH);
-        }
+    fn of(light: [f32; 3]) -> Self {
+        let (sum, squares) = (light.map(f64::from), light.map(|x| f64::from(x) * f64::from(x)));
+        let square = |x: f64| if x < f64::powi(2.0, 60) { fixed(x, SQUARE_BITS) } else { SQUARES_REACH };
+        Self { sum: sum.map(|x| fixed(x, VALUE_BITS)), squares: squares.map(square) }
     }
 
+    #[inline(always)]
     fn merge(&mut self, other: &Self) {
         for c in 0..3 {
             self.sum[c] += other.sum[c];
@@ -102,13 +109,18 @@ impl Gathered {
         self.paths += splats.paths;
         self.weights += splats.paths * unit;
         self.squared_weights += splats.paths * unit * unit;
-        for splat in &splats.list {
-            let light = splat.light.map(|x| x * weight);
-            if light.iter().all(|x| x.abs() < LARGEST_SAMPLE) {
-                self.sheet(splat.sheet as usize, pixels)[splat.pixel as usize].add(light);
-            } else {
+        // In two steps, so that several far pixels are fetched at a time.
+        let mut received = [Received::default(); 32];
+        for some in splats.list.chunks(received.len()) {
+            for (received, splat) in received.iter_mut().zip(some) {
+                let light = splat.light.map(|x| x * weight);
+                let good = light.iter().all(|x| x.abs() < LARGEST_SAMPLE);
+                *received = if good { Received::of(light) } else { Received::default() };
                 // It is a layer's as well; it is one all the same.
-                self.dropped += u64::from(splat.sheet == 0);
+                self.dropped += u64::from(!good && splat.sheet == 0);
+            }
+            for (received, splat) in received.iter().zip(some) {
+                self.sheet(splat.sheet as usize, pixels)[splat.pixel as usize].merge(received);
             }
         }
     }
@@ -158,8 +170,8 @@ mod tests {
     fn splats(paths: &[Path]) -> Splats {
         let mut splats = Splats::default();
         for path in paths {
-            path.iter().for_each(|(pixel, light)| splats.add(0, *pixel, *light));
-            splats.end_path();
+            path.iter().for_each(|(pixel, light)| splats.add(0, 0, *pixel, *light));
+            splats.end_paths(1);
         }
         splats
     }

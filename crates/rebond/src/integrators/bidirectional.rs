@@ -26,14 +26,15 @@ use crate::emitter::LightSampling;
 use crate::film::Film;
 use crate::math::Vec3;
 use crate::render::{
-    Dimensions, Integrator, Observer, Pass, PathClasses, PathExpression, PathState, Rays, Sample, ShadowRay, Tiles,
+    Dimensions, Engine, Integrator, Observer, Pass, PathClasses, PathExpression, PathState, Rays, Samples, ShadowRay,
+    Tiles,
 };
 use crate::sampling::Sampler;
 use crate::scene::{Scene, is_hit};
-use crate::transport::sub_path::{DIRECTION, Ending, LENS, PER_BOUNCE, PIXEL, POSITION, SOURCE, light_dimensions};
-use crate::transport::{Heuristic, Roulette, Sheets, SubPath, Vertex, see, see_source};
-use rebond_bvh::Ray;
-use rebond_lanes::scalar::Index1;
+use crate::transport::sub_path::{Ending, LENS, PER_BOUNCE, PIXEL, light_dimensions};
+use crate::transport::{Connection, Heuristic, Roulette, Sheets, Source, SubPath, Vertex, see, see_source};
+use rebond_bvh::{Ray, Trace};
+use rebond_lanes::{F32x16, Index, Mask, Real};
 use serde::{Deserialize, Serialize};
 use std::num::NonZeroU32;
 use std::sync::Mutex;
@@ -116,6 +117,7 @@ impl BidirectionalSettings {
 pub struct Bidirectional<'a> {
     scene: &'a Scene,
     sampler: Sampler,
+    engine: Engine,
     classes: Option<PathClasses>,
     max_depth: u32,
     ending: Ending,
@@ -129,11 +131,11 @@ const LIGHT_CHOICE: u32 = 0;
 const LIGHT_POINT: u32 = 1;
 
 /// What a worker keeps from sample to sample.
-struct Work<'a> {
+struct Work<'a, F: Real> {
     sampler: Sampler,
-    /// Vertices of the light's walk, without its origin.
-    light: Vec<Vertex<'a>>,
-    sheets: Sheets<'a>,
+    /// Vertices of the light's walks, without their origins.
+    light: Vec<Vertex<'a, F>>,
+    sheets: Sheets<'a, F>,
     rays: Rays,
     /// Light's walks for each of the eye's.
     light_paths: f32,
@@ -144,11 +146,11 @@ impl<'a> Bidirectional<'a> {
         settings: &BidirectionalSettings,
         scene: &'a Scene,
         sampler: Sampler,
+        engine: Engine,
         classes: Option<PathClasses>,
     ) -> Result<Self, IntegratorError> {
         let BidirectionalSettings { max_depth, rr_depth, roulette, survival, heuristic, .. } = *settings;
         super::check_ending(roulette, survival, max_depth)?;
-        super::check_light_walks(scene)?;
         if settings.strategies && max_depth.is_none_or(|d| d.get() > DEEPEST) {
             return Err(IntegratorError {
                 message: format!("strategies=true lays paths of at most {DEEPEST} segments into layers"),
@@ -157,7 +159,8 @@ impl<'a> Bidirectional<'a> {
         }
         let max_depth = max_depth.map_or(u32::MAX, NonZeroU32::get);
         let ending = Ending { roulette, survival, rr_depth };
-        Ok(Self { scene, sampler, classes, max_depth, ending, heuristic, layers: settings.layers().len() })
+        let layers = settings.layers().len();
+        Ok(Self { scene, sampler, engine, classes, max_depth, ending, heuristic, layers })
     }
 
     /// The layers of a pair.
@@ -165,290 +168,306 @@ impl<'a> Bidirectional<'a> {
         (self.layers > 0).then(|| strategy(s, t))
     }
 
-    fn sample(&self, sample: &Sample, work: &mut Work<'a>) {
-        let [x, y, pixel, index] = [sample.x, sample.y, sample.pixel, sample.index].map(Index1);
-        let eye = PathState::start(self.scene, &work.sampler, x, y, pixel, index, Index1(0));
-        self.light_walk(sample, eye.time, work);
-        self.eye_walk(&eye, work);
+    fn trace<F: Trace>(&self, samples: &Samples<F>, work: &mut Work<'a, F>) {
+        let Samples { x, y, pixel, index, slot, .. } = *samples;
+        let eye = PathState::start(self.scene, &work.sampler, x, y, pixel, index, slot);
+        self.light_walk(samples, eye.time, work);
+        self.eye_walk(&eye, samples.mask, work);
     }
 
-    /// The walk from the light: t = 1 and t = 0 on the way, its vertices kept.
-    fn light_walk(&self, sample: &Sample, time: f32, work: &mut Work<'a>) {
+    /// The walks from the light: t = 1 and t = 0 on the way, their vertices kept.
+    fn light_walk<F: Trace>(&self, samples: &Samples<F>, time: F, work: &mut Work<'a, F>) {
         work.light.clear();
-        let (scene, camera, h) = (self.scene, self.scene.camera(), self.heuristic);
-        let sampler = work.sampler;
-        let dimensions = |number| light_dimensions(&sampler, sample.pixel, sample.index, number);
+        let (scene, camera, sampler) = (self.scene, self.scene.camera(), work.sampler);
+        let dimensions = |number| light_dimensions::<F>(&sampler, samples.pixel, samples.index, number);
         let u = dimensions(0);
-        let Some((emitter, probability)) = scene.light_sampler().source(u.value(SOURCE)) else { return };
-        let emission = scene.emitters().emit(emitter, u.pair(POSITION), u.pair(DIRECTION));
+        let Some(source) = Source::draw(scene, &u, time, samples.mask) else { return };
+        self.connect_source(&source, [u.pair(LENS), u.pair(PIXEL)], time, samples.mask, work);
 
-        // s = 1, t = 1.
-        if let Some(seen) = see_source(scene, emitter, probability, &emission, u.pair(LENS), time) {
-            work.rays.shadow += 1;
-            if !scene.occluded(&seen.ray, true) {
-                let infinite = scene.emitters().is_infinite(emitter);
-                // The direction towards the lens is another than the walk's.
-                let pdf = scene.emitters().emission_pdf(emitter, emission.normal, seen.sight.w);
-                let (here, on) =
-                    if infinite { (pdf.direction.0, pdf.position.0) } else { (pdf.position.0, pdf.direction.0) };
-                let by_eye = h.of(seen.sight.importance * seen.cos / (work.light_paths * here * probability));
-                let by_light = h.of(on * seen.sight.found);
-                let weight = (1.0 / (by_eye + 1.0 + by_light)) as f32;
-                let at = (seen.sight.raster, u.pair(PIXEL));
-                work.sheets.splat(0, self.strategy(1, 1), at, seen.light, weight);
-            }
-        }
-        if !emission.weight.is_lit() {
-            return;
-        }
-
-        let mut path = SubPath::from_light(scene, Some(h), emitter, probability, &emission, time);
+        let mut path = SubPath::from_light(scene, Some(self.heuristic), &source, time);
+        let mut alive = samples.mask & source.emission.weight.is_lit();
         // Only through the lens do the longest paths have all their segments from here.
         let longest = if camera.has_lens() { self.max_depth } else { self.max_depth - 1 };
-        while path.segments <= longest {
-            work.rays.add(path.segments, 1);
-            let hit = scene.intersect(&path.ray, true, false);
+        while alive.any() && path.segments <= longest {
+            work.rays.add(path.segments, alive.count());
+            let hit = scene.intersect(&path.ray, alive, false);
             let u = dimensions(path.segments);
             if camera.has_lens() {
-                self.cross_lens(&path, hit.t, u.pair(PIXEL), work);
+                self.cross_lens(&path, hit.t, u.pair(PIXEL), alive, work);
             }
-            if !is_hit(&hit) {
+            alive = alive & is_hit(&hit);
+            if alive.none() || path.segments >= self.max_depth {
                 return;
             }
-            let mut vertex = path.arrive(&hit, &u);
-            if path.segments >= self.max_depth {
-                return;
-            }
+            let mut vertex = path.arrive(&hit, &u, alive);
             self.connect_to_lens(&vertex, path.segments + 1, [u.pair(LENS), u.pair(PIXEL)], time, work);
-            let goes_on = path.scatter(&mut vertex, &u, &self.ending);
+            alive = path.scatter(&mut vertex, &u, &self.ending);
             work.light.push(vertex);
-            if !goes_on {
-                return;
-            }
         }
+    }
+
+    /// s = 1, t = 1.
+    fn connect_source<F: Trace>(
+        &self,
+        source: &Source<F>,
+        [lens, pixel]: [[F; 2]; 2],
+        time: F,
+        mask: F::Mask,
+        work: &mut Work<'a, F>,
+    ) {
+        let Some(seen) = see_source(self.scene, source, lens, time, mask) else { return };
+        let infinite = self.scene.emitters().is_infinite::<F>(source.emitter);
+        let drawn = &source.emission.pdf;
+        let here = F::select(infinite, drawn.direction.0, drawn.position.0) * source.probability;
+        let by_eye = seen.sight.importance * seen.cos / (here * work.light_paths);
+        let weight = self.heuristic.weight([by_eye, seen.pdf * seen.sight.found]);
+        let connection = seen.connection(PathClasses::start::<F>(), self.strategy(1, 1), weight);
+        work.sheets.connect_to_lens(&connection, (seen.sight.raster, pixel), seen.mask);
     }
 
     /// t = 1, with s vertices of light.
-    fn connect_to_lens(
+    fn connect_to_lens<F: Trace>(
         &self,
-        vertex: &Vertex<'a>,
+        vertex: &Vertex<'a, F>,
         s: u32,
-        [lens, pixel]: [[f32; 2]; 2],
-        time: f32,
-        work: &mut Work<'a>,
+        [lens, pixel]: [[F; 2]; 2],
+        time: F,
+        work: &mut Work<'a, F>,
     ) {
-        let Some((seen, value, last)) = see(self.scene, vertex, lens, time) else { return };
+        let Some(seen) = see(self.scene, vertex, lens, time) else { return };
         let (h, sight) = (self.heuristic, seen.sight);
-        let state = work.sheets.state(0, std::iter::once(last).chain(events_before(&work.light)));
-        if !work.sheets.counts(state) {
-            return;
-        }
-        work.rays.shadow += 1;
-        if self.scene.occluded(&seen.ray, true) {
-            return;
-        }
-        let back = vertex.bsdf.eval(sight.w, vertex.surface.wo, TransportMode::Radiance, true).pdf.0;
-        let by_eye = vertex.others(h, sight.importance * seen.cos / work.light_paths, back);
-        let by_light = h.of(value.pdf.0 * sight.found);
-        let weight = (1.0 / (by_eye + 1.0 + by_light)) as f32;
-        work.sheets.splat(state, self.strategy(s, 1), (sight.raster, pixel), seen.light, weight);
+        let last = vertex.bsdf.event(vertex.surface.wo, sight.w);
+        let events = std::iter::once(last).chain(events_before(&work.light));
+        let state = work.sheets.state(PathClasses::start::<F>(), events);
+        let back = vertex.pdf_back(sight.w, TransportMode::Radiance, seen.mask);
+        let by_eye = vertex.others(h, sight.importance * seen.cos / F::splat(work.light_paths), back);
+        let weight = h.weight([by_eye, seen.pdf * sight.found]);
+        let connection = seen.connection(state, self.strategy(s, 1), weight);
+        work.sheets.connect_to_lens(&connection, (sight.raster, pixel), seen.mask);
     }
 
     /// t = 0: light crosses the lens before it meets anything at distance `end`.
-    fn cross_lens(&self, path: &SubPath<'a>, end: f32, pixel: [f32; 2], work: &mut Work<'a>) {
+    fn cross_lens<F: Trace>(
+        &self,
+        path: &SubPath<'a, F>,
+        end: F,
+        pixel: [F; 2],
+        alive: F::Mask,
+        work: &mut Work<'a, F>,
+    ) {
         let (camera, h, time) = (self.scene.camera(), self.heuristic, path.ray.time);
         let crossing = camera.crossing(path.origin(), path.direction(), time);
-        if !crossing.mask || crossing.t >= end {
+        let mask = alive & crossing.mask & crossing.free.lt(end);
+        if mask.none() {
             return;
         }
-        let state = work.sheets.state(0, events_before(&work.light));
+        let state = work.sheets.state(PathClasses::start::<F>(), events_before(&work.light));
         let (g, lens) = (camera.density(path.direction(), time).0, camera.lens_pdf(time).0);
-        let light = path.throughput() * (g * lens / crossing.cos);
-        let per_cos = h.of(1.0 / crossing.cos);
-        let distance = if path.from_far { 1.0 } else { h.of(crossing.t * crossing.t) };
-        let by_eye =
-            h.of(lens) * path.near * distance * per_cos + h.of(lens * g / work.light_paths) * path.far * per_cos;
-        let weight = (1.0 / (1.0 + by_eye)) as f32;
-        work.sheets.splat(state, self.strategy(path.segments + 1, 0), (crossing.raster, pixel), light, weight);
+        let per_cos = crossing.cos.recip();
+        let light = path.throughput() * (g * lens * per_cos);
+        let distance = F::select(path.from_far, F::one(), crossing.t * crossing.t);
+        let near = path.near * distance;
+        let by_eye = lens * per_cos * h.sum(near, path.far * (g / F::splat(work.light_paths)));
+        let (weight, at) = (h.weight([by_eye, F::zero()]), (crossing.raster, pixel));
+        work.sheets.splat(state, self.strategy(path.segments + 1, 0), at, light, weight, mask);
     }
 
-    /// The walk from the eye, connected at every vertex.
-    fn eye_walk(&self, eye: &PathState<f32>, work: &mut Work<'a>) {
+    /// The walks from the eye, connected at every vertex.
+    fn eye_walk<F: Trace>(&self, eye: &PathState<F>, mask: F::Mask, work: &mut Work<'a, F>) {
         let scene = self.scene;
         let mut path = SubPath::from_eye(scene, Some(self.heuristic), eye, work.light_paths);
-        let mut state = work.sheets.state(0, []);
-        loop {
-            let u = Dimensions::new(eye.stream(), Index1(path.segments - 1), PER_BOUNCE);
-            work.rays.add(path.segments, 1);
-            let hit = scene.intersect(&path.ray, true, true);
-            if !is_hit(&hit) {
-                return self.escape(&path, state, work);
+        let (mut state, mut alive) = (PathClasses::start::<F>(), mask);
+        while alive.any() {
+            let u = Dimensions::new(eye.stream(), F::Index::splat(path.segments - 1), PER_BOUNCE);
+            work.rays.add(path.segments, alive.count());
+            let hit = scene.intersect(&path.ray, alive, path.segments == 1);
+            let found = alive & is_hit(&hit);
+            self.escape(&path, state, alive.and_not(found), work);
+            if found.none() {
+                return;
             }
-            let mut vertex = path.arrive(&hit, &u);
+            let mut vertex = path.arrive(&hit, &u, found);
             self.hit_light(&path, &vertex, state, work);
             if path.segments >= self.max_depth {
                 return;
             }
-            if !vertex.bsdf.is_specular() {
-                self.ask_light(&path, &vertex, state, &u, work);
-                self.connect_walks(&path, &vertex, state, work);
+            let diffuse = found.and_not(vertex.bsdf.is_specular());
+            if diffuse.any() {
+                self.ask_light(&path, &vertex, state, &u, diffuse, work);
+                self.connect_walks(&path, &vertex, state, diffuse, work);
             }
-            if !path.scatter(&mut vertex, &u, &self.ending) {
-                return;
-            }
+            alive = path.scatter(&mut vertex, &u, &self.ending);
             state = work.sheets.state(state, [vertex.event]);
         }
     }
 
     /// s = 0: the surroundings.
-    fn escape(&self, path: &SubPath<'a>, state: u32, work: &mut Work<'a>) {
+    fn escape<F: Trace>(&self, path: &SubPath<'a, F>, state: F::Index, mask: F::Mask, work: &mut Work<'a, F>) {
+        if mask.none() {
+            return;
+        }
         let (scene, h, w) = (self.scene, self.heuristic, path.direction());
         for (number, environment) in &scene.emitters().environments {
             let (radiance, pdf) = environment.eval(w);
-            if !radiance.is_lit() {
-                continue;
-            }
-            let source = scene.light_sampler().source_probability(*number);
-            let position = scene.emitters().emission_pdf(*number, Vec3::zero(), -w).position.0;
+            let emitter = F::Index::splat(*number);
+            let source = scene.light_sampler().source_probability::<F>(emitter);
+            let position = scene.emitters().emission_pdf(emitter, path.ray.time, Vec3::zero(), -w, mask).position.0;
             let drawn = match path.segments {
                 // The eye draws no points of lights; parallel rays of it meet none that light draws.
-                1 if scene.camera().is_parallel() => 0.0,
+                1 if scene.camera().is_parallel() => F::zero(),
                 1 => source,
-                _ => scene.light_sampler().probability(path.from, path.normal, Index1(*number), true),
+                _ => scene.light_sampler().probability(path.from, path.normal, emitter, mask),
             };
-            let by_light = h.of(drawn * pdf.0) * path.near + h.of(source * pdf.0 * position) * path.far;
-            let weight = (1.0 / (1.0 + by_light)) as f32;
-            work.sheets.add(state, self.strategy(0, path.segments + 1), path.throughput() * radiance, weight);
+            let by_light = pdf.0 * h.sum(drawn * path.near, source * position * path.far);
+            let weight = h.weight([by_light, F::zero()]);
+            let light = path.throughput() * radiance;
+            work.sheets.add(state, self.strategy(0, path.segments + 1), light, weight, mask & radiance.is_lit());
         }
     }
 
     /// s = 0: a surface that shines.
-    fn hit_light(&self, path: &SubPath<'a>, vertex: &Vertex<'a>, state: u32, work: &mut Work<'a>) {
+    fn hit_light<F: Trace>(
+        &self,
+        path: &SubPath<'a, F>,
+        vertex: &Vertex<'a, F>,
+        state: F::Index,
+        work: &mut Work<'a, F>,
+    ) {
         let (scene, h, surface) = (self.scene, self.heuristic, &vertex.surface);
-        let radiance = scene.emitted(surface, true);
-        if !radiance.is_lit() {
+        let radiance = scene.emitted(surface, vertex.mask);
+        let lit = vertex.mask & radiance.is_lit();
+        if lit.none() {
             return;
         }
-        let source = scene.light_sampler().source_probability(surface.emitter.0);
-        let pdf = scene.emitters().emission_pdf(surface.emitter.0, surface.ng, surface.wo);
+        let (emitters, choice) = (scene.emitters(), scene.light_sampler());
+        let source = choice.source_probability::<F>(surface.emitter);
+        let pdf = emitters.emission_pdf(surface.emitter, surface.time, surface.ng, surface.wo, lit);
         let drawn = if path.segments == 1 {
             source * pdf.position.0
         } else {
-            let choice = scene.light_sampler().probability(path.from, path.normal, surface.emitter, true);
             let hit = surface.seen_from(path.from);
-            choice * scene.emitters().pdf(&hit, LightSampling::Area, true).to_area(hit.to, hit.normal).0
+            choice.probability(path.from, path.normal, surface.emitter, lit)
+                * emitters.pdf(&hit, LightSampling::Area, lit).to_area(hit.to, hit.normal).0
         };
-        let by_light = h.of(drawn) * vertex.near + h.of(source * pdf.position.0 * pdf.direction.0) * vertex.far;
-        let weight = (1.0 / (1.0 + by_light)) as f32;
-        work.sheets.add(state, self.strategy(0, path.segments + 1), vertex.throughput * radiance, weight);
+        let by_light = h.sum(drawn * vertex.near, source * pdf.position.0 * pdf.direction.0 * vertex.far);
+        let weight = h.weight([by_light, F::zero()]);
+        work.sheets.add(state, self.strategy(0, path.segments + 1), vertex.throughput * radiance, weight, lit);
     }
 
     /// s = 1: a point of a light, drawn for this vertex.
-    fn ask_light(&self, path: &SubPath<'a>, vertex: &Vertex<'a>, state: u32, u: &Dimensions<f32>, work: &mut Work<'a>) {
+    fn ask_light<F: Trace>(
+        &self,
+        path: &SubPath<'a, F>,
+        vertex: &Vertex<'a, F>,
+        state: F::Index,
+        u: &Dimensions<F>,
+        mask: F::Mask,
+        work: &mut Work<'a, F>,
+    ) {
         let (scene, h, surface, bsdf) = (self.scene, self.heuristic, &vertex.surface, &vertex.bsdf);
         let choice = || u.value(LIGHT_CHOICE);
-        let Some((emitter, choice)) = scene.light_sampler().sample(surface.p, bsdf.normal(), choice, true) else {
+        let Some((emitter, choice)) = scene.light_sampler().sample(surface.p, bsdf.normal(), choice, mask) else {
             return;
         };
         let (place, time) = (u.pair(LIGHT_POINT), path.ray.time);
-        let light = scene.emitters().sample(emitter, surface.p, time, LightSampling::Area, place, true);
-        let value = bsdf.eval(surface.wo, light.wi, TransportMode::Radiance, true);
+        let light = scene.emitters().sample(emitter, surface.p, time, LightSampling::Area, place, mask);
+        let value = vertex.eval(light.wi, TransportMode::Radiance, mask);
         let brings = value.f * light.weight * (bsdf.normal().dot(light.wi).abs() / choice);
         let contribution = vertex.throughput * brings;
         let event = bsdf.event(surface.wo, light.wi);
-        let state = work.sheets.state(state, [event.0]);
-        let Some(shadow) = ShadowRay::new(surface, &light, time, contribution, event, work.sheets.counts(state)) else {
-            return;
-        };
-        work.rays.shadow += 1;
-        if scene.occluded(&shadow.ray, true) {
-            return;
-        }
+        let state = work.sheets.state(state, [event]);
+        let Some(shadow) = ShadowRay::new(surface, &light, time, contribution, event, mask) else { return };
         // What is not drawn, as the place of a point, has the density 1 here and there.
-        let hittable = light.pdf.0 > 0.0;
+        let hittable = light.pdf.0.gt(F::zero());
         let to = light.point - surface.p;
-        let drawn = match (hittable, light.infinite) {
-            (false, _) => 1.0,
-            (true, true) => light.pdf.0,
-            (true, false) => light.pdf.to_area(to, light.normal).0,
-        };
-        let source = scene.light_sampler().source_probability(emitter.0);
-        let pdf = scene.emitters().emission_pdf(emitter.0, light.normal, -light.wi);
-        let distance = if light.infinite { 1.0 } else { to.length_squared() };
+        let by_area = F::select(light.infinite, light.pdf.0, light.pdf.to_area(to, light.normal).0);
+        let drawn = F::select(hittable, by_area, F::one());
+        let source = scene.light_sampler().source_probability::<F>(emitter);
+        let pdf = scene.emitters().emission_pdf(emitter, time, light.normal, -light.wi, shadow.mask);
+        let distance = F::select(light.infinite, F::one(), to.length_squared());
         let found = source * pdf.position.0 * pdf.direction.0 * vertex.cos(light.wi) / (distance * choice * drawn);
-        let back = bsdf.eval(light.wi, surface.wo, TransportMode::Importance, true).pdf.0;
-        let by_eye = if hittable { h.of(value.pdf.0 / (choice * light.pdf.0)) } else { 0.0 };
-        let weight = (1.0 / (by_eye + 1.0 + vertex.others(h, found, back))) as f32;
-        work.sheets.add(state, self.strategy(1, path.segments + 1), contribution, weight);
+        let back = vertex.pdf_back(light.wi, TransportMode::Importance, shadow.mask);
+        let by_light = F::select(hittable, value.pdf.0 / (choice * light.pdf.0), F::zero());
+        let weight = h.weight([by_light, vertex.others(h, found, back)]);
+        let strategy = self.strategy(1, path.segments + 1);
+        let connection = Connection { ray: shadow.ray, light: contribution, weight, state, strategy };
+        work.sheets.connect(&connection, shadow.mask);
     }
 
     /// s ≥ 2 and t ≥ 2: to every vertex of the light's walk.
-    fn connect_walks(&self, path: &SubPath<'a>, z: &Vertex<'a>, state: u32, work: &mut Work<'a>) {
+    fn connect_walks<F: Trace>(
+        &self,
+        path: &SubPath<'a, F>,
+        z: &Vertex<'a, F>,
+        state: F::Index,
+        mask: F::Mask,
+        work: &mut Work<'a, F>,
+    ) {
         let h = self.heuristic;
         // Segments: those of the eye's walk, the connection, and s − 1 of the light's.
         let most = (self.max_depth - path.segments - 1) as usize;
         for number in 0..work.light.len().min(most) {
             let y = &work.light[number];
-            if y.bsdf.is_specular() {
+            let mask = mask & y.mask.and_not(y.bsdf.is_specular());
+            if mask.none() {
                 continue;
             }
             let across = y.surface.p - z.surface.p;
             let d2 = across.length_squared();
-            let w = across * (1.0 / d2.sqrt());
-            let at_z = z.bsdf.eval(z.surface.wo, w, TransportMode::Radiance, true);
-            if !at_z.f.is_lit() {
+            let w = across * d2.sqrt().recip();
+            let at_z = z.eval(w, TransportMode::Radiance, mask);
+            let mask = mask & at_z.f.is_lit();
+            if mask.none() {
                 continue;
             }
-            let at_y = y.bsdf.eval(y.surface.wo, -w, TransportMode::Importance, true);
+            let at_y = y.eval(-w, TransportMode::Importance, mask);
             let cosines = (z.bsdf.normal().dot(w) * y.bsdf.normal().dot(w)).abs();
             let light = z.throughput * at_z.f * at_y.f * y.throughput * (cosines / d2);
-            if !light.is_lit() {
-                continue;
-            }
-            let events = [z.bsdf.event(z.surface.wo, w).0, y.bsdf.event(y.surface.wo, -w).0];
+            let events = [z.bsdf.event(z.surface.wo, w), y.bsdf.event(y.surface.wo, -w)];
             let state = work.sheets.state(state, events.into_iter().chain(events_before(&work.light[..number])));
-            if !work.sheets.counts(state) {
+            let mask = mask & light.is_lit();
+            if mask.none() {
                 continue;
             }
             let o = z.surface.leave(w);
             let d = y.surface.leave(-w) - o;
-            work.rays.shadow += 1;
-            if self.scene.occluded(&Ray { o: o.array(), d: d.array(), tmax: 1.0, time: path.ray.time }, true) {
-                continue;
-            }
-            let back_z = z.bsdf.eval(w, z.surface.wo, TransportMode::Importance, true).pdf.0;
-            let back_y = y.bsdf.eval(-w, y.surface.wo, TransportMode::Radiance, true).pdf.0;
+            let ray = Ray { o: o.array(), d: d.array(), tmax: F::one(), time: path.ray.time };
+            let back_z = z.pdf_back(w, TransportMode::Importance, mask);
+            let back_y = y.pdf_back(-w, TransportMode::Radiance, mask);
             let by_eye = y.others(h, at_z.pdf.0 * y.cos(w) / d2, back_y);
             let by_light = z.others(h, at_y.pdf.0 * z.cos(w) / d2, back_z);
-            let weight = (1.0 / (by_eye + 1.0 + by_light)) as f32;
-            work.sheets.add(state, self.strategy(number as u32 + 2, path.segments + 1), light, weight);
+            let (weight, strategy) =
+                (h.weight([by_eye, by_light]), self.strategy(number as u32 + 2, path.segments + 1));
+            work.sheets.connect(&Connection { ray, light, weight, state, strategy }, mask);
+        }
+    }
+
+    fn run<F: Trace>(&'a self, tiles: &Tiles<'_>, pass: &Pass) {
+        let sheets = Sheets::new(self.classes.as_ref(), self.scene, pass.region, self.layers);
+        let (sampler, light_paths) = (tiles.sampler(&self.sampler), pass.region.pixels() as f32);
+        let mut work = Work { sampler, light: Vec::new(), sheets, rays: Rays::default(), light_paths };
+        while let Some(tile) = tiles.next() {
+            for samples in tiles.lanes_of::<F>(&tile) {
+                self.trace(&samples, &mut work);
+                work.sheets.end_samples(samples.slot, samples.mask, tile.weight, &mut work.rays);
+            }
+            tiles.splat(&tile, work.sheets.splats());
+            tiles.done(&tile, work.sheets.own(), &mut work.rays);
+            work.sheets.clear();
         }
     }
 }
 
-/// The events of a walk from the light, the last first.
-fn events_before(vertices: &[Vertex<'_>]) -> impl Iterator<Item = u32> {
+/// The events of walks from the light, the last first.
+fn events_before<F: Real>(vertices: &[Vertex<'_, F>]) -> impl Iterator<Item = F::Index> {
     vertices.iter().rev().map(|v| v.event)
 }
 
 impl Integrator for Bidirectional<'_> {
     fn add_samples(&self, film: &Mutex<Film>, pass: &Pass, observer: &dyn Observer) -> Rays {
-        Tiles::new(film, pass, observer).run(|tiles| {
-            let mut light = Vec::new();
-            let sampler = tiles.sampler(&self.sampler);
-            while let Some(tile) = tiles.next() {
-                let sheets = Sheets::new(self.classes.as_ref(), self.scene.filter(), pass.region, self.layers);
-                let light_paths = pass.region.pixels() as f32;
-                let (walk, rays) = (std::mem::take(&mut light), Rays::default());
-                let mut work = Work { sampler, light: walk, sheets, rays, light_paths };
-                for s in tiles.samples_from(&tile, 0) {
-                    self.sample(&s, &mut work);
-                    work.sheets.end_sample(s.slot, tile.weight);
-                }
-                tiles.splat(&tile, work.sheets.splats());
-                tiles.done(&tile, work.sheets.own(), &mut work.rays);
-                light = work.light;
-            }
+        Tiles::new(film, pass, observer).run(|tiles| match self.engine {
+            Engine::Wavefront => self.run::<F32x16>(tiles, pass),
+            Engine::Scalar => self.run::<f32>(tiles, pass),
         })
     }
 }

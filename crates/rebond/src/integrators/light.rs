@@ -12,11 +12,13 @@
 
 use super::IntegratorError;
 use crate::film::Film;
-use crate::render::{Integrator, Observer, Pass, PathClasses, PathExpression, Rays, Sample, Tiles};
+use crate::render::{Engine, Integrator, Observer, Pass, PathClasses, PathExpression, Rays, Samples, Tiles};
 use crate::sampling::Sampler;
 use crate::scene::{Scene, is_hit};
-use crate::transport::sub_path::{DIRECTION, Ending, LENS, MOMENT, PIXEL, POSITION, SOURCE, Vertex, light_dimensions};
-use crate::transport::{Roulette, Sheets, SubPath, see, see_source};
+use crate::transport::sub_path::{Ending, LENS, MOMENT, PIXEL, light_dimensions};
+use crate::transport::{Roulette, Sheets, Source, SubPath, Vertex, see, see_source};
+use rebond_bvh::Trace;
+use rebond_lanes::{F32x16, Mask, Real};
 use serde::{Deserialize, Serialize};
 use std::num::NonZeroU32;
 use std::sync::Mutex;
@@ -67,9 +69,19 @@ pub(super) const SETTINGS: &[(&str, &str)] = &[
 pub struct Light<'a> {
     scene: &'a Scene,
     sampler: Sampler,
+    engine: Engine,
     classes: Option<PathClasses>,
     max_depth: u32,
     ending: Ending,
+}
+
+/// What a worker keeps from path to path.
+struct Work<'a, F: Real> {
+    sampler: Sampler,
+    /// What happened to the light so far.
+    events: Vec<F::Index>,
+    sheets: Sheets<'a, F>,
+    rays: Rays,
 }
 
 impl<'a> Light<'a> {
@@ -77,100 +89,102 @@ impl<'a> Light<'a> {
         settings: &LightSettings,
         scene: &'a Scene,
         sampler: Sampler,
+        engine: Engine,
         classes: Option<PathClasses>,
     ) -> Result<Self, IntegratorError> {
         let LightSettings { max_depth, rr_depth, roulette, survival, .. } = *settings;
-        let ending = Ending { roulette, survival, rr_depth };
         super::check_ending(roulette, survival, max_depth)?;
-        super::check_light_walks(scene)?;
-        Ok(Self { scene, sampler, classes, max_depth: max_depth.map_or(u32::MAX, NonZeroU32::get), ending })
+        let ending = Ending { roulette, survival, rr_depth };
+        let max_depth = max_depth.map_or(u32::MAX, NonZeroU32::get);
+        Ok(Self { scene, sampler, engine, classes, max_depth, ending })
     }
 
-    /// The path of light beside a pixel's sample.
-    fn trace(&self, sampler: &Sampler, s: &Sample, events: &mut Vec<u32>, sheets: &mut Sheets<'_>, rays: &mut Rays) {
-        let (scene, camera) = (self.scene, self.scene.camera());
-        let dimensions = |number| light_dimensions(sampler, s.pixel, s.index, number);
+    /// The paths of light beside samples of pixels.
+    fn trace<F: Trace>(&self, samples: &Samples<F>, work: &mut Work<'_, F>) {
+        let (scene, camera, mask, sampler) = (self.scene, self.scene.camera(), samples.mask, work.sampler);
+        let dimensions = |number| light_dimensions::<F>(&sampler, samples.pixel, samples.index, number);
         let u = dimensions(0);
-        let Some((emitter, probability)) = scene.light_sampler().source(u.value(SOURCE)) else { return };
-        let time = camera.time(if camera.has_shutter() { u.value(MOMENT) } else { 0.0 });
-        let emission = scene.emitters().emit(emitter, u.pair(POSITION), u.pair(DIRECTION));
+        let time = camera.time(if camera.has_shutter() { u.value(MOMENT) } else { F::zero() });
+        let Some(source) = Source::draw(scene, &u, time, mask) else { return };
 
         // The light as the eye sees it.
-        if let Some(seen) = see_source(scene, emitter, probability, &emission, u.pair(LENS), time) {
-            rays.shadow += 1;
-            if !scene.occluded(&seen.ray, true) {
-                sheets.splat(sheets.state(0, []), None, (seen.sight.raster, u.pair(PIXEL)), seen.light, 1.0);
-            }
-        }
-        if !emission.weight.is_lit() {
-            return;
+        if let Some(seen) = see_source(scene, &source, u.pair(LENS), time, mask) {
+            let at = (seen.sight.raster, u.pair(PIXEL));
+            work.sheets.connect_to_lens(&seen.connection(PathClasses::start::<F>(), None, F::one()), at, seen.mask);
         }
 
-        let mut path = SubPath::from_light(scene, None, emitter, probability, &emission, time);
-        events.clear();
-        loop {
-            rays.add(path.segments, 1);
-            let hit = scene.intersect(&path.ray, true, false);
-            // By chance through the lens, where nothing else would find it.
+        let mut path = SubPath::from_light(scene, None, &source, time);
+        let mut alive = mask & source.emission.weight.is_lit();
+        work.events.clear();
+        while alive.any() {
+            work.rays.add(path.segments, alive.count());
+            let hit = scene.intersect(&path.ray, alive, false);
             let u = dimensions(path.segments);
-            if path.specular && camera.has_lens() {
-                let crossing = camera.crossing(path.origin(), path.direction(), time);
-                if crossing.mask && crossing.t < hit.t {
-                    let g = camera.density(path.direction(), time).0;
-                    let light = path.throughput() * (g * camera.lens_pdf(time).0 / crossing.cos);
-                    let state = sheets.state(0, events.iter().rev().copied());
-                    sheets.splat(state, None, (crossing.raster, u.pair(PIXEL)), light, 1.0);
-                }
+            if camera.has_lens() {
+                self.cross_lens(&path, hit.t, u.pair(PIXEL), alive, work);
             }
-            if !is_hit(&hit) {
+            alive = alive & is_hit(&hit);
+            if alive.none() || path.segments >= self.max_depth {
                 return;
             }
-            let mut vertex = path.arrive(&hit, &u);
-            if path.segments < self.max_depth {
-                self.connect(&vertex, events, [u.pair(LENS), u.pair(PIXEL)], time, sheets, rays);
-            }
-            if path.segments >= self.max_depth || !path.scatter(&mut vertex, &u, &self.ending) {
-                return;
-            }
-            events.push(vertex.event);
+            let mut vertex = path.arrive(&hit, &u, alive);
+            self.connect(&vertex, [u.pair(LENS), u.pair(PIXEL)], time, work);
+            alive = path.scatter(&mut vertex, &u, &self.ending);
+            work.events.push(vertex.event);
         }
     }
 
-    /// Connects a vertex to the lens.
-    fn connect(
+    /// By chance through the lens before it meets anything at distance `end`, where nothing else would find it.
+    fn cross_lens<F: Trace>(
         &self,
-        vertex: &Vertex<'_>,
-        events: &[u32],
-        [lens, pixel]: [[f32; 2]; 2],
-        time: f32,
-        sheets: &mut Sheets<'_>,
-        rays: &mut Rays,
+        path: &SubPath<'_, F>,
+        end: F,
+        pixel: [F; 2],
+        alive: F::Mask,
+        work: &mut Work<'_, F>,
     ) {
-        let Some((seen, _, last)) = see(self.scene, vertex, lens, time) else { return };
-        let state = sheets.state(0, std::iter::once(last).chain(events.iter().rev().copied()));
-        if sheets.counts(state) {
-            rays.shadow += 1;
-            if !self.scene.occluded(&seen.ray, true) {
-                sheets.splat(state, None, (seen.sight.raster, pixel), seen.light, 1.0);
+        let (camera, time) = (self.scene.camera(), path.ray.time);
+        let crossing = camera.crossing(path.origin(), path.direction(), time);
+        let mask = alive & path.specular & crossing.mask & crossing.free.lt(end);
+        if mask.any() {
+            let state = work.sheets.state(PathClasses::start::<F>(), work.events.iter().rev().copied());
+            let seen = camera.density(path.direction(), time).0 * camera.lens_pdf(time).0 / crossing.cos;
+            let light = path.throughput() * seen;
+            work.sheets.splat(state, None, (crossing.raster, pixel), light, F::one(), mask);
+        }
+    }
+
+    /// Connects vertices to the lens.
+    fn connect<F: Trace>(&self, vertex: &Vertex<'_, F>, [lens, pixel]: [[F; 2]; 2], time: F, work: &mut Work<'_, F>) {
+        let Some(seen) = see(self.scene, vertex, lens, time) else { return };
+        let last = vertex.bsdf.event(vertex.surface.wo, seen.sight.w);
+        let events = std::iter::once(last).chain(work.events.iter().rev().copied());
+        let state = work.sheets.state(PathClasses::start::<F>(), events);
+        let at = (seen.sight.raster, pixel);
+        work.sheets.connect_to_lens(&seen.connection(state, None, F::one()), at, seen.mask);
+    }
+
+    fn run<F: Trace>(&'a self, tiles: &Tiles<'_>, pass: &Pass) {
+        let sheets = Sheets::new(self.classes.as_ref(), self.scene, pass.region, 0);
+        let sampler = tiles.sampler(&self.sampler);
+        let mut work = Work { sampler, events: Vec::new(), sheets, rays: Rays::default() };
+        while let Some(tile) = tiles.next() {
+            for samples in tiles.lanes_of::<F>(&tile) {
+                self.trace(&samples, &mut work);
+                work.sheets.end_samples(samples.slot, samples.mask, tile.weight, &mut work.rays);
             }
+            tiles.splat(&tile, work.sheets.splats());
+            tiles.done(&tile, work.sheets.own(), &mut work.rays);
+            work.sheets.clear();
         }
     }
 }
 
 impl Integrator for Light<'_> {
     fn add_samples(&self, film: &Mutex<Film>, pass: &Pass, observer: &dyn Observer) -> Rays {
-        Tiles::new(film, pass, observer).run(|tiles| {
-            let (mut events, sampler) = (Vec::new(), tiles.sampler(&self.sampler));
-            while let Some(tile) = tiles.next() {
-                let mut sheets = Sheets::new(self.classes.as_ref(), self.scene.filter(), pass.region, 0);
-                let mut rays = Rays::default();
-                for s in tiles.samples_from(&tile, 0) {
-                    self.trace(&sampler, &s, &mut events, &mut sheets, &mut rays);
-                    sheets.end_sample(s.slot, tile.weight);
-                }
-                tiles.splat(&tile, sheets.splats());
-                tiles.done(&tile, sheets.own(), &mut rays);
-            }
+        Tiles::new(film, pass, observer).run(|tiles| match self.engine {
+            Engine::Wavefront => self.run::<F32x16>(tiles, pass),
+            Engine::Scalar => self.run::<f32>(tiles, pass),
         })
     }
 }

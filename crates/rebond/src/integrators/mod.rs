@@ -168,18 +168,6 @@ fn check_radius(radius: Option<f32>, alpha: f32) -> Result<(), IntegratorError> 
     Ok(())
 }
 
-/// Whether walks from the lights know all that the scene has.
-fn check_light_walks(scene: &Scene) -> Result<(), IntegratorError> {
-    let error = |message: &str| Err(IntegratorError { message: message.into(), help: "use path".into() });
-    if scene.emitters().has_moving() {
-        return error("paths from lights that move are not drawn yet");
-    }
-    if scene.camera().has_near_clip() {
-        return error("light does not know what a near_clip leaves out");
-    }
-    Ok(())
-}
-
 impl IntegratorSettings {
     /// Its name.
     pub fn name(&self) -> &'static str {
@@ -242,11 +230,11 @@ impl IntegratorSettings {
             | Self::Direct(_)
             | Self::Recursive(_)
             | Self::Photon(_)
+            | Self::Vcm(_)
             | Self::Radiosity(_) => None,
             Self::Path(settings) => settings.paths.as_ref(),
             Self::Light(settings) => settings.paths.as_ref(),
             Self::Bidirectional(settings) => settings.paths.as_ref(),
-            Self::Vcm(settings) => settings.paths.as_ref(),
         }
     }
 
@@ -303,11 +291,10 @@ impl IntegratorSettings {
                     })?)
                 }
             };
-        let tells_apart =
-            !matches!(self, Self::AmbientOcclusion(_) | Self::Recursive(_) | Self::Photon(_) | Self::Radiosity(_));
+        let tells_apart = matches!(self, Self::Path(_) | Self::Direct(_) | Self::Light(_) | Self::Bidirectional(_));
         if classes.is_some() && !tells_apart {
             let message = format!("{} does not tell paths apart", self.name());
-            return Err(IntegratorError { message, help: "use path, direct, light, bidirectional or vcm".into() });
+            return Err(IntegratorError { message, help: "use path, direct, light or bidirectional".into() });
         }
         Ok(match self {
             Self::AmbientOcclusion(settings) => {
@@ -326,12 +313,12 @@ impl IntegratorSettings {
                 }
             },
             Self::Recursive(settings) => Box::new(recursive::Recursive::new(*settings, scene, sampler)?),
-            Self::Light(settings) => Box::new(light::Light::new(settings, scene, sampler, classes)?),
+            Self::Light(settings) => Box::new(light::Light::new(settings, scene, sampler, engine, classes)?),
             Self::Bidirectional(settings) => {
-                Box::new(bidirectional::Bidirectional::new(settings, scene, sampler, classes)?)
+                Box::new(bidirectional::Bidirectional::new(settings, scene, sampler, engine, classes)?)
             }
-            Self::Photon(settings) => settings.integrator(scene, sampler)?,
-            Self::Vcm(settings) => Box::new(vcm::Vcm::new(settings, scene, sampler, classes)?),
+            Self::Photon(settings) => settings.integrator(scene, sampler, engine)?,
+            Self::Vcm(settings) => Box::new(vcm::Vcm::new(settings, scene, sampler, engine)?),
             Self::Radiosity(settings) => {
                 Box::new(radiosity::Radiosity::new((**settings).clone(), scene, sampler, engine)?)
             }

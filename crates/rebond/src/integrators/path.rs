@@ -190,7 +190,7 @@ impl<const SOLID_ANGLE: bool> Shade for Path<SOLID_ANGLE> {
             && diffuse.any()
             && let Some(light) = scene.sample_light(
                 surface.p,
-                bsdf.normal(),
+                bsdf.receiving_normal(),
                 path.time,
                 Self::LIGHT_SAMPLING,
                 || u.value(LIGHT_CHOICE),
@@ -211,7 +211,7 @@ impl<const SOLID_ANGLE: bool> Shade for Path<SOLID_ANGLE> {
             bsdf.sample(surface.wo, u.pair(BSDF_DIRECTION), || u.value(BSDF_CHOICE), TransportMode::Radiance, going_on);
         let mut alive = going_on & next.weight.is_lit();
         let pdf = F::select(next.specular, F::splat(f32::INFINITY), next.pdf.0);
-        path.go(&surface, bsdf.normal(), &next, pdf);
+        path.go(&surface, bsdf.receiving_normal(), &next, pdf);
 
         // Russian roulette.
         let gambles = alive.and_not(path.depth.lt(F::Index::splat(self.rr_depth)));

@@ -19,7 +19,7 @@
 //! ```
 //!
 //! and B carries it on by itself: nothing else changes (Georgiev 2012, §4, has a third number, dVM, for what is here a part of A
-//! and B). With the power heuristic η is squared as all densities are.
+//! and B). With the power heuristic these are sums of squares, η is squared as all densities are.
 //!
 //! | `mode` | ways |
 //! |---|---|
@@ -29,28 +29,32 @@
 //! | `photon` | merging at the first vertex that neither mirrors nor is glass, of weight 1: progressive photon mapping |
 //! | `light` | connections to the lens, of weight 1: light tracing |
 //!
-//! Pixels go in bands of up to 1024 tiles, each with the walks of its own pixels. Walks stay in memory until their band is done: up to
-//! 2¹⁸ of them, whatever the size of the picture, with some 450 bytes for each of their vertices.
+//! Pixels go in bands of up to 1024 tiles, each with the walks of its own pixels. Of these only the particles stay until the band is
+//! done, some 100 bytes for each vertex of up to 2¹⁸ walks, whatever the size of the picture: for connections a walk is
+//! traced again beside the eye's, by the same sample values.
 
 use super::IntegratorError;
 use crate::bsdf::TransportMode;
 use crate::emitter::LightSampling;
 use crate::film::Film;
-use crate::math::{Rgb, Vec3};
+use crate::math::Vec3;
 use crate::render::{
-    Dimensions, Integrator, Observer, Pass, PathClasses, PathExpression, PathState, Rays, Sample, ShadowRay, Tiles,
+    Dimensions, Engine, Integrator, Observer, Pass, PathClasses, PathState, Rays, Samples, ShadowRay, Tiles,
 };
 use crate::sampling::Sampler;
 use crate::scene::{Scene, is_hit};
-use crate::transport::sub_path::{
-    DIRECTION, Ending, LENS, MOMENT, PER_BOUNCE, PIXEL, POSITION, SOURCE, light_dimensions,
+use crate::transport::sub_path::{Ending, LENS, MOMENT, PER_BOUNCE, PIXEL, light_dimensions};
+use crate::transport::{
+    Connection, Heuristic, Neighbours, Particle, PointGrid, Roulette, Sheets, Source, SubPath, Vertex, first_radius,
+    see, see_source, shrunk,
 };
-use crate::transport::{Heuristic, Placed, PointGrid, Roulette, Sheets, SubPath, Vertex, first_radius, see, see_source, shrunk};
-use rebond_bvh::Ray;
+use rebond_bvh::{Ray, Trace};
 use rebond_lanes::scalar::Index1;
+use rebond_lanes::{F32x16, Index, Mask, Real};
 use serde::{Deserialize, Serialize};
 use std::f32::consts::PI;
 use std::num::NonZeroU32;
+use std::ops::Range;
 use std::sync::Mutex;
 
 /// Which ways to find a path are used.
@@ -90,8 +94,6 @@ pub struct VcmSettings {
     pub survival: f32,
     /// How the ways to find a path are weighed.
     pub heuristic: Heuristic,
-    /// Which paths count; all if not given.
-    pub paths: Option<PathExpression>,
 }
 
 impl Default for VcmSettings {
@@ -105,7 +107,6 @@ impl Default for VcmSettings {
             roulette: Roulette::default(),
             survival: 0.95,
             heuristic: Heuristic::default(),
-            paths: None,
         }
     }
 }
@@ -120,19 +121,17 @@ pub(super) const SETTINGS: &[(&str, &str)] = &[
     ("roulette", "how walks end: none, constant, albedo or throughput; throughput"),
     ("survival", "probability of survival (constant), or the most it may be; 0.95"),
     ("heuristic", "how the ways to find a path are weighed: balance or power; power"),
-    ("paths", "which paths count: numbers of vertices such as 2 or 3..4, or an expression such as LS+DE; all"),
 ];
 
 impl VcmSettings {
     pub(super) fn leaves_out(&self) -> Option<String> {
         let by_depth = self.max_depth.map(|d| format!("paths of more than max_depth={d} segments are left out"));
-        let by_class = self.paths.as_ref().map(|p| format!("only the paths {p} are shown"));
         let by_mode = match self.mode {
             VcmMode::Light => Some("what the eye sees in mirrors and glass is left out, unless the camera has a lens"),
             VcmMode::Bidirectional => None,
             _ => Some("light is blurred by a radius that shrinks with every sample"),
         };
-        let all: Vec<String> = by_depth.into_iter().chain(by_class).chain(by_mode.map(String::from)).collect();
+        let all: Vec<String> = by_depth.into_iter().chain(by_mode.map(String::from)).collect();
         (!all.is_empty()).then(|| all.join("; "))
     }
 }
@@ -144,77 +143,35 @@ const BAND: u64 = 1024;
 const LIGHT_CHOICE: u32 = 0;
 const LIGHT_POINT: u32 = 1;
 
-/// A vertex of a light's walk, for eyes that come by.
-#[derive(Clone, Copy, Debug, Default)]
-struct Lit {
-    p: [f32; 3],
-    w: [f32; 3],
-    throughput: [f32; 3],
-    /// Its place in its walk; 0 is the first surface.
-    number: u32,
-    near: f64,
-    far: f64,
-    /// The tile of its walk, and its place there.
-    tile: u32,
-    place: u32,
-}
-
-impl Placed for Lit {
-    fn place(&self) -> [f32; 3] {
-        self.p
-    }
-}
-
-/// The light's walks of a tile.
-#[derive(Default)]
-struct Walks<'a> {
-    vertices: Vec<Vertex<'a>>,
-    /// Where the walk beside each sample ends.
-    ends: Vec<u32>,
-    lit: Vec<Lit>,
-}
-
-impl<'a> Walks<'a> {
-    fn of(&self, slot: u32) -> &[Vertex<'a>] {
-        let first = if slot == 0 { 0 } else { self.ends[slot as usize - 1] };
-        &self.vertices[first as usize..self.ends[slot as usize] as usize]
-    }
-}
-
 /// What the samples of a band share.
 #[derive(Clone, Copy)]
 struct Now {
-    time: f32,
     moment: f32,
     /// Light's walks for each of the eye's: over the picture, for connections to the lens.
     light_paths: f32,
     radius: f32,
     /// 1 / (π r² N).
     scale: f32,
-    /// η, in the terms of the heuristic; 0 if nothing is merged.
-    eta: f64,
-}
-
-/// The light's walks of a band, ready to be met.
-struct Band<'b, 'a> {
-    walks: &'b [Walks<'a>],
-    grid: &'b PointGrid<Lit>,
-    first_tile: u32,
+    /// η; 0 if nothing is merged.
+    eta: f32,
 }
 
 /// What a worker keeps from sample to sample.
-struct Work<'w> {
+struct Work<'a, F: Real> {
     sampler: Sampler,
-    sheets: Sheets<'w>,
-    rays: Rays,
     now: Now,
+    /// Vertices of the light's walks, without their origins.
+    light: Vec<Vertex<'a, F>>,
+    neighbours: Neighbours,
+    sheets: Sheets<'a, F>,
+    rays: Rays,
 }
 
 /// The estimator at work.
 pub struct Vcm<'a> {
     scene: &'a Scene,
     sampler: Sampler,
-    classes: Option<PathClasses>,
+    engine: Engine,
     mode: VcmMode,
     first_radius: f32,
     alpha: f32,
@@ -228,16 +185,15 @@ impl<'a> Vcm<'a> {
         settings: &VcmSettings,
         scene: &'a Scene,
         sampler: Sampler,
-        classes: Option<PathClasses>,
+        engine: Engine,
     ) -> Result<Self, IntegratorError> {
-        let VcmSettings { mode, radius, alpha, max_depth, rr_depth, roulette, survival, heuristic, .. } = *settings;
+        let VcmSettings { mode, radius, alpha, max_depth, rr_depth, roulette, survival, heuristic } = *settings;
         super::check_ending(roulette, survival, max_depth)?;
-        super::check_light_walks(scene)?;
         super::check_radius(radius, alpha)?;
         let first_radius = radius.unwrap_or_else(|| first_radius(scene));
         let max_depth = max_depth.map_or(u32::MAX, NonZeroU32::get);
         let ending = Ending { roulette, survival, rr_depth };
-        Ok(Self { scene, sampler, classes, mode, first_radius, alpha, max_depth, ending, heuristic })
+        Ok(Self { scene, sampler, engine, mode, first_radius, alpha, max_depth, ending, heuristic })
     }
 
     fn connects(&self) -> bool {
@@ -248,427 +204,444 @@ impl<'a> Vcm<'a> {
         matches!(self.mode, VcmMode::Vcm | VcmMode::Merging | VcmMode::Photon)
     }
 
-    /// 1/Σ, if there are other ways.
-    fn weight(&self, sum: impl FnOnce() -> f64) -> f32 {
-        if matches!(self.mode, VcmMode::Photon | VcmMode::Light) { 1.0 } else { (1.0 / sum()) as f32 }
-    }
-
-    /// A ray is about to leave: the way that would connect its ends, if that is none of those used.
-    fn leave(&self, path: &mut SubPath<'a>) {
-        if !self.connects() {
-            path.near = 0.0;
+    /// The weight of a way, as [`Heuristic::weight`] has it, if there are others.
+    #[inline(always)]
+    fn weight<F: Real>(&self, others: [F; 2]) -> F {
+        match self.mode {
+            VcmMode::Photon | VcmMode::Light => F::one(),
+            _ => self.heuristic.weight(others),
         }
     }
 
-    /// A walk is at a vertex where another may be merged with it.
-    fn may_merge(&self, path: &mut SubPath<'a>, vertex: &mut Vertex<'a>, now: &Now) {
-        if now.eta > 0.0 && !vertex.bsdf.is_specular() {
-            path.near += now.eta;
+    /// A ray is about to leave: the way that would connect its ends, if that is none of those used.
+    #[inline(always)]
+    fn leave<F: Real>(&self, path: &mut SubPath<'a, F>) {
+        if !self.connects() {
+            path.near = F::zero();
+        }
+    }
+
+    /// A walk is at vertices where another may be merged with it: that way is one more from now on.
+    #[inline(always)]
+    fn may_merge<F: Real>(&self, path: &mut SubPath<'a, F>, vertex: &mut Vertex<'a, F>, now: &Now) {
+        if now.eta > 0.0 {
+            let with = self.heuristic.sum(path.near, F::splat(now.eta));
+            path.near = F::select(vertex.bsdf.is_specular(), path.near, with);
             vertex.near = path.near;
         }
     }
 
-    /// The walk from the light: t = 1 and t = 0 on the way, its vertices kept.
-    fn light_walk(&self, s: &Sample, tile: u32, walks: &mut Walks<'a>, work: &mut Work<'_>) {
-        let (scene, camera, h, now) = (self.scene, self.scene.camera(), self.heuristic, work.now);
-        let sampler = work.sampler;
-        let dimensions = |number| light_dimensions(&sampler, s.pixel, s.index, number);
+    /// Draws the walks from the light; `each` is told of every ray, with what it hits, and of every vertex.
+    fn light_walk<F: Trace>(
+        &self,
+        samples: &Samples<F>,
+        work: &mut Work<'a, F>,
+        begin: impl FnOnce(&Source<F>, &Dimensions<F>, F, &mut Work<'a, F>),
+        crosses: impl Fn(&SubPath<'a, F>, F, &Dimensions<F>, F::Mask, &mut Work<'a, F>),
+        mut each: impl FnMut(&mut Vertex<'a, F>, &mut SubPath<'a, F>, &Dimensions<F>, &mut Work<'a, F>),
+    ) {
+        let (scene, sampler, now) = (self.scene, work.sampler, work.now);
+        let dimensions = |number| light_dimensions::<F>(&sampler, samples.pixel, samples.index, number);
         let u = dimensions(0);
-        let Some((emitter, probability)) = scene.light_sampler().source(u.value(SOURCE)) else { return };
-        let emission = scene.emitters().emit(emitter, u.pair(POSITION), u.pair(DIRECTION));
-        let to_lens = self.connects() || self.mode == VcmMode::Light;
-
-        // s = 1, t = 1.
-        if to_lens && let Some(seen) = see_source(scene, emitter, probability, &emission, u.pair(LENS), now.time) {
-            work.rays.shadow += 1;
-            if !scene.occluded(&seen.ray, true) {
-                let weight = self.weight(|| {
-                    // The direction towards the lens is another than the walk's.
-                    let pdf = scene.emitters().emission_pdf(emitter, emission.normal, seen.sight.w);
-                    let infinite = scene.emitters().is_infinite(emitter);
-                    let (position, direction) = (pdf.position.0, pdf.direction.0);
-                    let (here, on) = if infinite { (direction, position) } else { (position, direction) };
-                    let by_eye = h.of(seen.sight.importance * seen.cos / (now.light_paths * here * probability));
-                    by_eye + 1.0 + h.of(on * seen.sight.found)
-                });
-                work.sheets.splat(0, None, (seen.sight.raster, u.pair(PIXEL)), seen.light, weight);
-            }
-        }
-        if !emission.weight.is_lit() {
-            return;
-        }
-
-        let mut path = SubPath::from_light(scene, Some(h), emitter, probability, &emission, now.time);
-        let first = walks.vertices.len();
+        let time = scene.camera().time(F::splat(now.moment));
+        let Some(source) = Source::draw(scene, &u, time, samples.mask) else { return };
+        begin(&source, &u, time, work);
+        let mut path = SubPath::from_light(scene, Some(self.heuristic), &source, time);
+        let mut alive = samples.mask & source.emission.weight.is_lit();
         // Only through the lens do the longest paths have all their segments from here.
-        let crosses = camera.has_lens() && to_lens;
-        let longest = if crosses { self.max_depth } else { self.max_depth - 1 };
-        while path.segments <= longest {
+        let longest = if scene.camera().has_lens() { self.max_depth } else { self.max_depth - 1 };
+        while alive.any() && path.segments <= longest {
             self.leave(&mut path);
-            work.rays.add(path.segments, 1);
-            let hit = scene.intersect(&path.ray, true, false);
+            work.rays.add(path.segments, alive.count());
+            let hit = scene.intersect(&path.ray, alive, false);
             let u = dimensions(path.segments);
-            if crosses && (self.connects() || path.specular) {
-                self.cross_lens(&path, hit.t, u.pair(PIXEL), &walks.vertices[first..], work);
-            }
-            if !is_hit(&hit) {
+            crosses(&path, hit.t, &u, alive, work);
+            alive = alive & is_hit(&hit);
+            if alive.none() || path.segments >= self.max_depth {
                 return;
             }
-            let mut vertex = path.arrive(&hit, &u);
-            if path.segments >= self.max_depth {
-                return;
-            }
-            self.may_merge(&mut path, &mut vertex, &now);
-            if to_lens {
-                let numbers = [u.pair(LENS), u.pair(PIXEL)];
-                self.connect_to_lens(&vertex, &walks.vertices[first..], numbers, work);
-            }
-            if self.merges() && !vertex.bsdf.is_specular() {
-                walks.lit.push(Lit {
-                    p: vertex.surface.p.array(),
-                    w: vertex.surface.wo.array(),
-                    throughput: vertex.throughput.lane(0),
-                    number: path.segments - 1,
-                    near: vertex.near,
-                    far: vertex.far,
-                    tile,
-                    place: walks.vertices.len() as u32,
-                });
-            }
-            let goes_on = path.scatter(&mut vertex, &u, &self.ending);
-            walks.vertices.push(vertex);
-            if !goes_on {
-                return;
-            }
+            let mut vertex = path.arrive(&hit, &u, alive);
+            each(&mut vertex, &mut path, &u, work);
+            alive = path.scatter(&mut vertex, &u, &self.ending);
         }
     }
 
-    /// t = 1, with what went before on the light's walk.
-    fn connect_to_lens(
-        &self,
-        vertex: &Vertex<'a>,
-        before: &[Vertex<'a>],
-        [lens, pixel]: [[f32; 2]; 2],
-        work: &mut Work<'_>,
-    ) {
+    /// From the light, for any eye: t = 1 and t = 0 on the way, particles kept.
+    fn emit<F: Trace>(&self, samples: &Samples<F>, particles: &mut Vec<Particle>, work: &mut Work<'a, F>) {
+        let to_lens = self.connects() || self.mode == VcmMode::Light;
+        let numbers = |u: &Dimensions<F>| [u.pair(LENS), u.pair(PIXEL)];
         let now = work.now;
-        let Some((seen, value, last)) = see(self.scene, vertex, lens, now.time) else { return };
+        self.light_walk(
+            samples,
+            work,
+            |source, u, time, work| {
+                if to_lens {
+                    self.connect_source(source, numbers(u), time, samples.mask, work);
+                }
+            },
+            |path, end, u, alive, work| {
+                if to_lens && self.scene.camera().has_lens() {
+                    self.cross_lens(path, end, u.pair(PIXEL), alive, work);
+                }
+            },
+            |vertex, path, u, work| {
+                if self.merges() {
+                    // Without the merging here, which is taken into account where it is done.
+                    let kept = vertex.mask.and_not(vertex.bsdf.is_specular());
+                    Particle::keep(vertex, path.segments, kept, |_, particle| particles.push(particle));
+                }
+                self.may_merge(path, vertex, &now);
+                if to_lens {
+                    self.connect_to_lens(vertex, numbers(u), path.ray.time, work);
+                }
+            },
+        );
+    }
+
+    /// The same walks again, their vertices kept.
+    fn walk_beside<F: Trace>(&self, samples: &Samples<F>, work: &mut Work<'a, F>) {
+        let now = work.now;
+        let mut light = std::mem::take(&mut work.light);
+        light.clear();
+        // The last vertex has not been left yet when it is kept, but nobody asks how it was.
+        let rays = std::mem::take(&mut work.rays);
+        self.light_walk(
+            samples,
+            work,
+            |_, _, _, _| (),
+            |_, _, _, _, _| (),
+            |vertex, path, _, _| {
+                self.may_merge(path, vertex, &now);
+                light.push(*vertex);
+            },
+        );
+        (work.light, work.rays) = (light, rays);
+    }
+
+    /// s = 1, t = 1.
+    fn connect_source<F: Trace>(
+        &self,
+        source: &Source<F>,
+        [lens, pixel]: [[F; 2]; 2],
+        time: F,
+        mask: F::Mask,
+        work: &mut Work<'a, F>,
+    ) {
+        let Some(seen) = see_source(self.scene, source, lens, time, mask) else { return };
+        let infinite = self.scene.emitters().is_infinite::<F>(source.emitter);
+        let drawn = &source.emission.pdf;
+        let here = F::select(infinite, drawn.direction.0, drawn.position.0) * source.probability;
+        let by_eye = seen.sight.importance * seen.cos / (here * work.now.light_paths);
+        let weight = self.weight([by_eye, seen.pdf * seen.sight.found]);
+        let connection = seen.connection(PathClasses::start::<F>(), None, weight);
+        work.sheets.connect_to_lens(&connection, (seen.sight.raster, pixel), seen.mask);
+    }
+
+    /// t = 1.
+    fn connect_to_lens<F: Trace>(
+        &self,
+        vertex: &Vertex<'a, F>,
+        [lens, pixel]: [[F; 2]; 2],
+        time: F,
+        work: &mut Work<'a, F>,
+    ) {
+        let Some(seen) = see(self.scene, vertex, lens, time) else { return };
         let (h, sight) = (self.heuristic, seen.sight);
-        let state = work.sheets.state(0, std::iter::once(last).chain(events_before(before)));
-        if !work.sheets.counts(state) {
-            return;
-        }
-        work.rays.shadow += 1;
-        if self.scene.occluded(&seen.ray, true) {
-            return;
-        }
-        let weight = self.weight(|| {
-            let back = vertex.bsdf.eval(sight.w, vertex.surface.wo, TransportMode::Radiance, true).pdf.0;
-            let by_eye = vertex.others(h, sight.importance * seen.cos / now.light_paths, back);
-            by_eye + 1.0 + h.of(value.pdf.0 * sight.found)
-        });
-        work.sheets.splat(state, None, (sight.raster, pixel), seen.light, weight);
+        let back = vertex.pdf_back(sight.w, TransportMode::Radiance, seen.mask);
+        let by_eye = vertex.others(h, sight.importance * seen.cos / F::splat(work.now.light_paths), back);
+        let weight = self.weight([by_eye, seen.pdf * sight.found]);
+        let connection = seen.connection(PathClasses::start::<F>(), None, weight);
+        work.sheets.connect_to_lens(&connection, (sight.raster, pixel), seen.mask);
     }
 
     /// t = 0: light crosses the lens before it meets anything at distance `end`.
-    fn cross_lens(&self, path: &SubPath<'a>, end: f32, pixel: [f32; 2], before: &[Vertex<'a>], work: &mut Work<'_>) {
-        let (camera, h, now) = (self.scene.camera(), self.heuristic, work.now);
-        let crossing = camera.crossing(path.origin(), path.direction(), now.time);
-        if !crossing.mask || crossing.t >= end {
+    fn cross_lens<F: Trace>(
+        &self,
+        path: &SubPath<'a, F>,
+        end: F,
+        pixel: [F; 2],
+        alive: F::Mask,
+        work: &mut Work<'a, F>,
+    ) {
+        let (camera, h, time) = (self.scene.camera(), self.heuristic, path.ray.time);
+        let crossing = camera.crossing(path.origin(), path.direction(), time);
+        let mut mask = alive & crossing.mask & crossing.free.lt(end);
+        if self.mode == VcmMode::Light {
+            // Where nothing else would find it.
+            mask = mask & path.specular;
+        }
+        if mask.none() {
             return;
         }
-        let state = work.sheets.state(0, events_before(before));
-        let (g, lens) = (camera.density(path.direction(), now.time).0, camera.lens_pdf(now.time).0);
-        let light = path.throughput() * (g * lens / crossing.cos);
-        let weight = self.weight(|| {
-            let per_cos = h.of(1.0 / crossing.cos);
-            let distance = if path.from_far { 1.0 } else { h.of(crossing.t * crossing.t) };
-            let by_eye = h.of(lens) * path.near * distance * per_cos
-                + h.of(lens * g / now.light_paths) * path.far * per_cos;
-            1.0 + by_eye
-        });
-        work.sheets.splat(state, None, (crossing.raster, pixel), light, weight);
+        let (g, lens) = (camera.density(path.direction(), time).0, camera.lens_pdf(time).0);
+        let per_cos = crossing.cos.recip();
+        let light = path.throughput() * (g * lens * per_cos);
+        let near = path.near * F::select(path.from_far, F::one(), crossing.t * crossing.t);
+        let by_eye = lens * per_cos * h.sum(near, path.far * (g / F::splat(work.now.light_paths)));
+        let (weight, at) = (self.weight([by_eye, F::zero()]), (crossing.raster, pixel));
+        work.sheets.splat(PathClasses::start::<F>(), None, at, light, weight, mask);
     }
 
-    /// The walk from the eye, connected and merged at every vertex.
-    fn eye_walk(&self, s: &Sample, light: &[Vertex<'a>], band: &Band<'_, 'a>, work: &mut Work<'_>) {
+    /// The walks from the eye, connected and merged at every vertex.
+    fn eye_walk<F: Trace>(&self, samples: &Samples<F>, grid: &PointGrid<Particle>, work: &mut Work<'a, F>) {
         let (scene, now) = (self.scene, work.now);
-        let [x, y, pixel, index] = [s.x, s.y, s.pixel, s.index].map(Index1);
-        let eye = PathState::start_at(scene, &work.sampler, [x, y], pixel, index, Index1(0), Some(now.moment));
+        let Samples { x, y, pixel, index, slot, mask } = *samples;
+        let moment = Some(F::splat(now.moment));
+        let eye = PathState::start_at(scene, &work.sampler, [x, y], pixel, index, slot, moment);
         let mut path = SubPath::from_eye(scene, Some(self.heuristic), &eye, now.light_paths);
         if !self.connects() {
-            path.far = 0.0;
+            path.far = F::zero();
         }
-        let mut state = work.sheets.state(0, []);
-        loop {
+        let mut alive = mask;
+        while alive.any() {
             self.leave(&mut path);
-            let u = Dimensions::new(eye.stream(), Index1(path.segments - 1), PER_BOUNCE);
-            work.rays.add(path.segments, 1);
-            let hit = scene.intersect(&path.ray, true, true);
-            if !is_hit(&hit) {
-                return self.escape(&path, state, work);
+            let u = Dimensions::new(eye.stream(), F::Index::splat(path.segments - 1), PER_BOUNCE);
+            work.rays.add(path.segments, alive.count());
+            let hit = scene.intersect(&path.ray, alive, path.segments == 1);
+            let found = alive & is_hit(&hit);
+            self.escape(&path, alive.and_not(found), work);
+            if found.none() {
+                return;
             }
-            let mut vertex = path.arrive(&hit, &u);
-            self.hit_light(&path, &vertex, state, work);
+            let mut vertex = path.arrive(&hit, &u, found);
+            self.hit_light(&path, &vertex, work);
             if path.segments >= self.max_depth {
                 return;
             }
-            if !vertex.bsdf.is_specular() {
+            let diffuse = found.and_not(vertex.bsdf.is_specular());
+            if diffuse.any() {
+                if self.merges() {
+                    self.merge(&path, &vertex, diffuse, grid, work);
+                }
                 self.may_merge(&mut path, &mut vertex, &now);
                 if self.connects() {
-                    self.ask_light(&path, &vertex, state, &u, work);
-                    self.connect_walks(&path, &vertex, light, state, work);
+                    self.ask_light(&path, &vertex, &u, diffuse, work);
+                    self.connect_walks(&path, &vertex, diffuse, work);
                 }
-                if self.merges() {
-                    self.merge(&path, &vertex, band, state, work);
-                }
-                if self.mode == VcmMode::Photon {
+            }
+            if self.mode == VcmMode::Photon {
+                vertex.mask = found.and_not(diffuse);
+                if vertex.mask.none() {
                     return;
                 }
             }
-            if !path.scatter(&mut vertex, &u, &self.ending) {
-                return;
-            }
-            state = work.sheets.state(state, [vertex.event]);
+            alive = path.scatter(&mut vertex, &u, &self.ending);
         }
     }
 
     /// s = 0: the surroundings.
-    fn escape(&self, path: &SubPath<'a>, state: u32, work: &mut Work<'_>) {
+    fn escape<F: Trace>(&self, path: &SubPath<'a, F>, mask: F::Mask, work: &mut Work<'a, F>) {
+        if mask.none() {
+            return;
+        }
         let (scene, h, w) = (self.scene, self.heuristic, path.direction());
         for (number, environment) in &scene.emitters().environments {
             let (radiance, pdf) = environment.eval(w);
-            if !radiance.is_lit() {
-                continue;
-            }
-            let weight = self.weight(|| {
-                let source = scene.light_sampler().source_probability(*number);
-                let position = scene.emitters().emission_pdf(*number, Vec3::zero(), -w).position.0;
-                let drawn = match path.segments {
-                    // The eye draws no points of lights; parallel rays of it meet none that light draws.
-                    1 if scene.camera().is_parallel() => 0.0,
-                    1 => source,
-                    _ => scene.light_sampler().probability(path.from, path.normal, Index1(*number), true),
-                };
-                1.0 + h.of(drawn * pdf.0) * path.near + h.of(source * pdf.0 * position) * path.far
-            });
-            work.sheets.add(state, None, path.throughput() * radiance, weight);
+            let emitter = F::Index::splat(*number);
+            let source = scene.light_sampler().source_probability::<F>(emitter);
+            let position = scene.emitters().emission_pdf(emitter, path.ray.time, Vec3::zero(), -w, mask).position.0;
+            let drawn = match path.segments {
+                // The eye draws no points of lights; parallel rays of it meet none that light draws.
+                1 if scene.camera().is_parallel() => F::zero(),
+                1 => source,
+                _ => scene.light_sampler().probability(path.from, path.normal, emitter, mask),
+            };
+            let by_light = pdf.0 * h.sum(drawn * path.near, source * position * path.far);
+            let weight = self.weight([by_light, F::zero()]);
+            let light = path.throughput() * radiance;
+            work.sheets.add(PathClasses::start::<F>(), None, light, weight, mask & radiance.is_lit());
         }
     }
 
     /// s = 0: a surface that shines.
-    fn hit_light(&self, path: &SubPath<'a>, vertex: &Vertex<'a>, state: u32, work: &mut Work<'_>) {
+    fn hit_light<F: Trace>(&self, path: &SubPath<'a, F>, vertex: &Vertex<'a, F>, work: &mut Work<'a, F>) {
         let (scene, h, surface) = (self.scene, self.heuristic, &vertex.surface);
-        let radiance = scene.emitted(surface, true);
-        if !radiance.is_lit() {
+        let radiance = scene.emitted(surface, vertex.mask);
+        let lit = vertex.mask & radiance.is_lit();
+        if lit.none() {
             return;
         }
-        let weight = self.weight(|| {
-            let source = scene.light_sampler().source_probability(surface.emitter.0);
-            let pdf = scene.emitters().emission_pdf(surface.emitter.0, surface.ng, surface.wo);
-            let drawn = if path.segments == 1 {
-                source * pdf.position.0
-            } else {
-                let choice = scene.light_sampler().probability(path.from, path.normal, surface.emitter, true);
-                let hit = surface.seen_from(path.from);
-                choice * scene.emitters().pdf(&hit, LightSampling::Area, true).to_area(hit.to, hit.normal).0
-            };
-            1.0 + h.of(drawn) * vertex.near + h.of(source * pdf.position.0 * pdf.direction.0) * vertex.far
-        });
-        work.sheets.add(state, None, vertex.throughput * radiance, weight);
+        let (emitters, choice) = (scene.emitters(), scene.light_sampler());
+        let source = choice.source_probability::<F>(surface.emitter);
+        let pdf = emitters.emission_pdf(surface.emitter, surface.time, surface.ng, surface.wo, lit);
+        let drawn = if path.segments == 1 {
+            source * pdf.position.0
+        } else {
+            let hit = surface.seen_from(path.from);
+            choice.probability(path.from, path.normal, surface.emitter, lit)
+                * emitters.pdf(&hit, LightSampling::Area, lit).to_area(hit.to, hit.normal).0
+        };
+        let by_light = h.sum(drawn * vertex.near, source * pdf.position.0 * pdf.direction.0 * vertex.far);
+        let weight = self.weight([by_light, F::zero()]);
+        work.sheets.add(PathClasses::start::<F>(), None, vertex.throughput * radiance, weight, lit);
     }
 
     /// s = 1: a point of a light, drawn for this vertex.
-    fn ask_light(&self, path: &SubPath<'a>, vertex: &Vertex<'a>, state: u32, u: &Dimensions<f32>, work: &mut Work<'_>) {
+    fn ask_light<F: Trace>(
+        &self,
+        path: &SubPath<'a, F>,
+        vertex: &Vertex<'a, F>,
+        u: &Dimensions<F>,
+        mask: F::Mask,
+        work: &mut Work<'a, F>,
+    ) {
         let (scene, h, surface, bsdf) = (self.scene, self.heuristic, &vertex.surface, &vertex.bsdf);
         let choice = || u.value(LIGHT_CHOICE);
-        let Some((emitter, choice)) = scene.light_sampler().sample(surface.p, bsdf.normal(), choice, true) else {
+        let Some((emitter, choice)) = scene.light_sampler().sample(surface.p, bsdf.normal(), choice, mask) else {
             return;
         };
         let (place, time) = (u.pair(LIGHT_POINT), path.ray.time);
-        let light = scene.emitters().sample(emitter, surface.p, time, LightSampling::Area, place, true);
-        let value = bsdf.eval(surface.wo, light.wi, TransportMode::Radiance, true);
+        let light = scene.emitters().sample(emitter, surface.p, time, LightSampling::Area, place, mask);
+        let value = vertex.eval(light.wi, TransportMode::Radiance, mask);
         let brings = value.f * light.weight * (bsdf.normal().dot(light.wi).abs() / choice);
         let contribution = vertex.throughput * brings;
-        let event = bsdf.event(surface.wo, light.wi);
-        let state = work.sheets.state(state, [event.0]);
-        let Some(shadow) = ShadowRay::new(surface, &light, time, contribution, event, work.sheets.counts(state)) else {
-            return;
-        };
-        work.rays.shadow += 1;
-        if scene.occluded(&shadow.ray, true) {
-            return;
-        }
+        let event = F::Index::splat(0);
+        let Some(shadow) = ShadowRay::new(surface, &light, time, contribution, event, mask) else { return };
         // What is not drawn, as the place of a point, has the density 1 here and there.
-        let hittable = light.pdf.0 > 0.0;
+        let hittable = light.pdf.0.gt(F::zero());
         let to = light.point - surface.p;
-        let drawn = match (hittable, light.infinite) {
-            (false, _) => 1.0,
-            (true, true) => light.pdf.0,
-            (true, false) => light.pdf.to_area(to, light.normal).0,
-        };
-        let source = scene.light_sampler().source_probability(emitter.0);
-        let pdf = scene.emitters().emission_pdf(emitter.0, light.normal, -light.wi);
-        let distance = if light.infinite { 1.0 } else { to.length_squared() };
+        let by_area = F::select(light.infinite, light.pdf.0, light.pdf.to_area(to, light.normal).0);
+        let drawn = F::select(hittable, by_area, F::one());
+        let source = scene.light_sampler().source_probability::<F>(emitter);
+        let pdf = scene.emitters().emission_pdf(emitter, time, light.normal, -light.wi, shadow.mask);
+        let distance = F::select(light.infinite, F::one(), to.length_squared());
         let found = source * pdf.position.0 * pdf.direction.0 * vertex.cos(light.wi) / (distance * choice * drawn);
-        let back = bsdf.eval(light.wi, surface.wo, TransportMode::Importance, true).pdf.0;
-        let by_eye = if hittable { h.of(value.pdf.0 / (choice * light.pdf.0)) } else { 0.0 };
-        let weight = (1.0 / (by_eye + 1.0 + vertex.others(h, found, back))) as f32;
-        work.sheets.add(state, None, contribution, weight);
+        let back = vertex.pdf_back(light.wi, TransportMode::Importance, shadow.mask);
+        let by_eye = F::select(hittable, value.pdf.0 / (choice * light.pdf.0), F::zero());
+        let weight = h.weight([by_eye, vertex.others(h, found, back)]);
+        let state = PathClasses::start::<F>();
+        let connection = Connection { ray: shadow.ray, light: contribution, weight, state, strategy: None };
+        work.sheets.connect(&connection, shadow.mask);
     }
 
     /// s ≥ 2 and t ≥ 2: to every vertex of the light's walk beside.
-    fn connect_walks(
-        &self,
-        path: &SubPath<'a>,
-        z: &Vertex<'a>,
-        light: &[Vertex<'a>],
-        state: u32,
-        work: &mut Work<'_>,
-    ) {
+    fn connect_walks<F: Trace>(&self, path: &SubPath<'a, F>, z: &Vertex<'a, F>, mask: F::Mask, work: &mut Work<'a, F>) {
         let h = self.heuristic;
         // Segments: those of the eye's walk, the connection, and s − 1 of the light's.
         let most = (self.max_depth - path.segments - 1) as usize;
-        for number in 0..light.len().min(most) {
-            let y = &light[number];
-            if y.bsdf.is_specular() {
+        for y in &work.light[..work.light.len().min(most)] {
+            let mask = mask & y.mask.and_not(y.bsdf.is_specular());
+            if mask.none() {
                 continue;
             }
             let across = y.surface.p - z.surface.p;
             let d2 = across.length_squared();
-            let w = across * (1.0 / d2.sqrt());
-            let at_z = z.bsdf.eval(z.surface.wo, w, TransportMode::Radiance, true);
-            if !at_z.f.is_lit() {
+            let w = across * d2.sqrt().recip();
+            let at_z = z.eval(w, TransportMode::Radiance, mask);
+            let mask = mask & at_z.f.is_lit();
+            if mask.none() {
                 continue;
             }
-            let at_y = y.bsdf.eval(y.surface.wo, -w, TransportMode::Importance, true);
+            let at_y = y.eval(-w, TransportMode::Importance, mask);
             let cosines = (z.bsdf.normal().dot(w) * y.bsdf.normal().dot(w)).abs();
-            let brought = z.throughput * at_z.f * at_y.f * y.throughput * (cosines / d2);
-            if !brought.is_lit() {
-                continue;
-            }
-            let events = [z.bsdf.event(z.surface.wo, w).0, y.bsdf.event(y.surface.wo, -w).0];
-            let state = work.sheets.state(state, events.into_iter().chain(events_before(&light[..number])));
-            if !work.sheets.counts(state) {
+            let light = z.throughput * at_z.f * at_y.f * y.throughput * (cosines / d2);
+            let mask = mask & light.is_lit();
+            if mask.none() {
                 continue;
             }
             let o = z.surface.leave(w);
             let d = y.surface.leave(-w) - o;
-            work.rays.shadow += 1;
-            if self.scene.occluded(&Ray { o: o.array(), d: d.array(), tmax: 1.0, time: path.ray.time }, true) {
-                continue;
-            }
-            let back_z = z.bsdf.eval(w, z.surface.wo, TransportMode::Importance, true).pdf.0;
-            let back_y = y.bsdf.eval(-w, y.surface.wo, TransportMode::Radiance, true).pdf.0;
+            let ray = Ray { o: o.array(), d: d.array(), tmax: F::one(), time: path.ray.time };
+            let back_z = z.pdf_back(w, TransportMode::Importance, mask);
+            let back_y = y.pdf_back(-w, TransportMode::Radiance, mask);
             let by_eye = y.others(h, at_z.pdf.0 * y.cos(w) / d2, back_y);
             let by_light = z.others(h, at_y.pdf.0 * z.cos(w) / d2, back_z);
-            let weight = (1.0 / (by_eye + 1.0 + by_light)) as f32;
-            work.sheets.add(state, None, brought, weight);
+            let (weight, state) = (h.weight([by_eye, by_light]), PathClasses::start::<F>());
+            work.sheets.connect(&Connection { ray, light, weight, state, strategy: None }, mask);
         }
     }
 
-    /// Merging: with every vertex of light within the radius.
-    fn merge(&self, path: &SubPath<'a>, z: &Vertex<'a>, band: &Band<'_, 'a>, state: u32, work: &mut Work<'_>) {
-        let (bsdf, wo, now) = (&z.bsdf, z.surface.wo, work.now);
-        let longest = self.max_depth - path.segments;
-        band.grid.within(z.surface.p.array(), |y, _| {
-            if y.number + 1 > longest {
+    /// Merging: with every particle within the radius. A of neither walk has the merging here in it yet.
+    fn merge<F: Trace>(
+        &self,
+        path: &SubPath<'a, F>,
+        z: &Vertex<'a, F>,
+        mask: F::Mask,
+        grid: &PointGrid<Particle>,
+        work: &mut Work<'a, F>,
+    ) {
+        let (h, now, longest) = (self.heuristic, work.now, self.max_depth - path.segments);
+        let (sheets, per_eta) = (&mut work.sheets, F::splat(now.eta.recip()));
+        work.neighbours.each(grid, z.surface.p, longest, mask, |y| {
+            let (reflected, pdf) = y.reflected(z);
+            let light = z.throughput * reflected * F::splat(now.scale);
+            let lit = y.mask & light.is_lit();
+            if lit.none() {
                 return;
             }
-            let w = Vec3::splat(y.w);
-            let value = bsdf.eval(wo, w, TransportMode::Radiance, true);
-            // Light is counted by the surface as it is, and reflected by the surface as it is shaded.
-            let factor = (bsdf.normal().dot(w) / z.surface.ng.dot(w)).abs();
-            let light = z.throughput * value.f * Rgb::splat(y.throughput) * (factor * now.scale);
-            if !light.is_lit() || !factor.is_finite() {
-                return;
-            }
-            let state = match &self.classes {
-                None => state,
-                Some(_) => {
-                    let walk = &band.walks[(y.tile - band.first_tile) as usize].vertices;
-                    let (place, number) = (y.place as usize, y.number as usize);
-                    let events = std::iter::once(bsdf.event(wo, w).0);
-                    work.sheets.state(state, events.chain(events_before(&walk[place - number..place])))
-                }
-            };
-            if !work.sheets.counts(state) {
-                return;
-            }
-            let weight = self.weight(|| {
-                let back = bsdf.eval(w, wo, TransportMode::Importance, true).pdf.0;
-                let by_light = z.near + self.heuristic.of(back) * z.far;
-                let by_eye = y.near + self.heuristic.of(value.pdf.0) * y.far;
-                (by_eye + by_light) / now.eta - 1.0
-            });
-            work.sheets.add(state, None, light, weight);
+            let back = z.pdf_back(y.w, TransportMode::Importance, lit);
+            let by_eye = h.sum(y.sums[0], pdf * y.sums[1]) * per_eta;
+            let by_light = h.sum(z.near, back * z.far) * per_eta;
+            let weight = self.weight([by_eye, by_light]);
+            sheets.add(PathClasses::start::<F>(), None, light, weight, lit);
         });
     }
 
+    fn work<F: Trace>(&'a self, tiles: &Tiles<'_>, pass: &Pass, now: Now) -> Work<'a, F> {
+        Work {
+            sampler: tiles.sampler(&self.sampler),
+            now,
+            light: Vec::new(),
+            neighbours: Neighbours::default(),
+            sheets: Sheets::new(None, self.scene, pass.region, 0),
+            rays: Rays::default(),
+        }
+    }
+
     /// One sample of each pixel of these tiles.
-    fn band(
+    fn band<F: Trace>(
         &self,
-        tiles: std::ops::Range<u64>,
+        tiles: Range<u64>,
         now: Now,
-        grid: &mut PointGrid<Lit>,
+        grid: &mut PointGrid<Particle>,
         (film, pass, observer): (&Mutex<Film>, &Pass, &dyn Observer),
     ) -> Rays {
-        let first_tile = tiles.start as u32;
-        let count = (tiles.end - tiles.start) as usize;
-        let walks: Mutex<Vec<Walks<'a>>> = Mutex::new((0..count).map(|_| Walks::default()).collect());
-        let work = |tiles: &Tiles<'_>| Work {
-            sampler: tiles.sampler(&self.sampler),
-            sheets: Sheets::new(self.classes.as_ref(), self.scene.filter(), pass.region, 0),
-            rays: Rays::default(),
-            now,
-        };
-
         // From the lights.
+        let particles = Mutex::new(Vec::new());
         let traced = Mutex::new(Rays::default());
         Tiles::only(film, pass, observer, tiles.clone()).run(|tiles| {
+            let mut work = self.work::<F>(tiles, pass, now);
             while let Some(tile) = tiles.next() {
-                let (mut work, mut own) = (work(tiles), Walks::default());
-                let number = tiles.number(&tile);
-                for s in tiles.samples_from(&tile, 0) {
-                    self.light_walk(&s, number, &mut own, &mut work);
-                    own.ends.push(own.vertices.len() as u32);
-                    work.sheets.end_sample(s.slot, tile.weight);
+                let mut own = Vec::new();
+                for samples in tiles.lanes_of::<F>(&tile) {
+                    self.emit(&samples, &mut own, &mut work);
+                    work.sheets.end_samples(samples.slot, samples.mask, tile.weight, &mut work.rays);
                 }
                 tiles.splat(&tile, work.sheets.splats());
-                traced.lock().unwrap_or_else(|e| e.into_inner()).merge(&work.rays);
-                walks.lock().unwrap_or_else(|e| e.into_inner())[(number - first_tile) as usize] = own;
+                work.sheets.clear();
+                particles.lock().unwrap_or_else(|e| e.into_inner()).push((tiles.number(&tile), own));
             }
+            traced.lock().unwrap_or_else(|e| e.into_inner()).merge(&work.rays);
         });
         let mut rays = traced.into_inner().unwrap_or_else(|e| e.into_inner());
         if observer.should_stop() {
             return rays;
         }
-        let walks = walks.into_inner().unwrap_or_else(|e| e.into_inner());
-        let parts: Vec<&[Lit]> = walks.iter().map(|w| &w.lit[..]).collect();
+        let mut particles = particles.into_inner().unwrap_or_else(|e| e.into_inner());
+        particles.sort_unstable_by_key(|(number, _)| *number);
+        let parts: Vec<&[Particle]> = particles.iter().map(|(_, own)| &own[..]).collect();
         grid.fill(&parts, now.radius, pass.threads);
 
         // From the eye.
-        let band = Band { walks: &walks, grid, first_tile };
+        let grid = &*grid;
         rays.merge(&Tiles::only(film, pass, observer, tiles).run(|tiles| {
+            let mut work = self.work::<F>(tiles, pass, now);
             while let Some(tile) = tiles.next() {
-                let mut work = work(tiles);
-                let own = &band.walks[(tiles.number(&tile) - first_tile) as usize];
-                for s in tiles.samples_from(&tile, 0) {
-                    if self.mode != VcmMode::Light {
-                        self.eye_walk(&s, own.of(s.slot), &band, &mut work);
+                for samples in tiles.lanes_of::<F>(&tile) {
+                    if self.connects() {
+                        self.walk_beside(&samples, &mut work);
                     }
-                    work.sheets.end_sample(s.slot, tile.weight);
+                    if self.mode != VcmMode::Light {
+                        self.eye_walk(&samples, grid, &mut work);
+                    }
+                    work.sheets.end_samples(samples.slot, samples.mask, tile.weight, &mut work.rays);
                 }
                 tiles.done(&tile, work.sheets.own(), &mut work.rays);
+                work.sheets.clear();
             }
         }));
         rays
     }
-}
-
-/// The events of a walk from the light, the last first.
-fn events_before(vertices: &[Vertex<'_>]) -> impl Iterator<Item = u32> {
-    vertices.iter().rev().map(|v| v.event)
 }
 
 impl Integrator for Vcm<'_> {
@@ -677,7 +650,7 @@ impl Integrator for Vcm<'_> {
         let camera = self.scene.camera();
         for iteration in pass.samples.clone() {
             // No walk has this number. What is merged must be at the same time.
-            let u = light_dimensions(&self.sampler, u32::MAX, iteration, 0);
+            let u = light_dimensions::<f32>(&self.sampler, Index1(u32::MAX), Index1(iteration), 0);
             let moment = if camera.has_shutter() { u.value(MOMENT) } else { 0.0 };
             let radius = shrunk(self.first_radius, self.alpha, iteration);
             let one = Pass { samples: iteration..iteration + 1, shares: None, ..pass.clone() };
@@ -685,11 +658,15 @@ impl Integrator for Vcm<'_> {
             for first in (0..all).step_by(BAND as usize) {
                 let tiles = first..all.min(first + BAND);
                 let paths = Tiles::new(film, &one, observer).pixels(tiles.clone()) as f32;
-                let eta = if self.merges() { self.heuristic.of(PI * radius * radius * paths) } else { 0.0 };
-                let scale = 1.0 / (PI * radius * radius * paths);
+                let area = PI * radius * radius * paths;
+                let eta = if self.merges() { area } else { 0.0 };
                 let light_paths = pass.region.pixels() as f32;
-                let now = Now { time: camera.time(moment), moment, light_paths, radius, scale, eta };
-                rays.merge(&self.band(tiles, now, &mut grid, (film, &one, observer)));
+                let now = Now { moment, light_paths, radius, scale: area.recip(), eta };
+                let to = (film, &one, observer);
+                rays.merge(&match self.engine {
+                    Engine::Wavefront => self.band::<F32x16>(tiles, now, &mut grid, to),
+                    Engine::Scalar => self.band::<f32>(tiles, now, &mut grid, to),
+                });
                 if observer.should_stop() {
                     return rays;
                 }

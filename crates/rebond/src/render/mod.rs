@@ -12,10 +12,10 @@ mod wavefront;
 
 pub use adaptive::Share;
 pub use budget::{Budget, RenderStatistics, render};
+pub(crate) use in_order::in_order;
 pub use path_classes::{PathClasses, PathExpression, PathLayer};
 pub use path_state::{Bounce, Dimensions, PathState, Shade, ShadowRay};
-pub(crate) use in_order::in_order;
-pub(crate) use tiles::{Sample, TILE, Tiles};
+pub(crate) use tiles::{Sample, Samples, TILE, Tiles};
 
 use crate::film::Film;
 use crate::sampling::Sampler;

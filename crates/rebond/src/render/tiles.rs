@@ -3,6 +3,7 @@
 use super::{Observer, Pass, Rays, Region};
 use crate::film::{Batch, Film, Splats};
 use crate::sampling::Sampler;
+use rebond_lanes::{Index, Mask, Real};
 use std::ops::Range;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -41,6 +42,38 @@ pub struct Tile {
     pub weight: f32,
 }
 
+/// As many samples as there are lanes.
+#[derive(Clone, Copy, Debug)]
+pub struct Samples<F: Real> {
+    /// Pixels in the whole picture.
+    pub x: F::Index,
+    pub y: F::Index,
+    /// Their numbers there.
+    pub pixel: F::Index,
+    /// Indices of the samples.
+    pub index: F::Index,
+    /// Places in the tile.
+    pub slot: F::Index,
+    /// Lanes that have one.
+    pub mask: F::Mask,
+}
+
+impl<F: Real> Samples<F> {
+    fn gather(samples: &[Sample]) -> Self {
+        let lanes = |f: &dyn Fn(&Sample) -> u32| {
+            samples.iter().enumerate().fold(F::Index::splat(0), |v, (i, s)| v.with_lane(i, f(s)))
+        };
+        Self {
+            x: lanes(&|s| s.x),
+            y: lanes(&|s| s.y),
+            pixel: lanes(&|s| s.pixel),
+            index: lanes(&|s| s.index),
+            slot: lanes(&|s| s.slot),
+            mask: F::Mask::from_bits(((1_u64 << samples.len()) - 1) as u32),
+        }
+    }
+}
+
 /// One sample of one pixel.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Sample {
@@ -70,12 +103,7 @@ impl<'a> Tiles<'a> {
     }
 
     /// Some of the tiles of a pass of no more than [`VISIT`] samples, by their numbers.
-    pub fn only(
-        film: &'a Mutex<Film>,
-        pass: &'a Pass,
-        observer: &'a dyn Observer,
-        tiles: Range<u64>,
-    ) -> Self {
+    pub fn only(film: &'a Mutex<Film>, pass: &'a Pass, observer: &'a dyn Observer, tiles: Range<u64>) -> Self {
         let all = Self::new(film, pass, observer);
         Self { next: AtomicU64::new(tiles.start), visits: all.visits.min(tiles.end), ..all }
     }
@@ -166,6 +194,16 @@ impl<'a> Tiles<'a> {
                 }
             }
             sample
+        })
+    }
+
+    /// All samples of a visit, by lanes.
+    pub fn lanes_of<F: Real>(&self, tile: &Tile) -> impl Iterator<Item = Samples<F>> {
+        let mut samples = self.samples_from(tile, 0);
+        std::iter::from_fn(move || {
+            let mut some = [Sample::default(); 16];
+            let n = some[..F::LANES].iter_mut().zip(&mut samples).map(|(place, s)| *place = s).count();
+            (n > 0).then(|| Samples::gather(&some[..n]))
         })
     }
 

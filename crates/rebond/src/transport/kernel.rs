@@ -9,6 +9,7 @@
 //! | `epanechnikov` | 2 (1 − x²) |
 
 use crate::scene::Scene;
+use rebond_lanes::Real;
 use serde::{Deserialize, Serialize};
 
 /// How much a particle counts by its distance.
@@ -27,11 +28,11 @@ pub enum Kernel {
 impl Kernel {
     /// The kernel times π r², at a squared distance over r² of less than 1.
     #[inline(always)]
-    pub fn value(self, squared: f32) -> f32 {
+    pub fn value<F: Real>(self, squared: F) -> F {
         match self {
-            Self::Constant => 1.0,
-            Self::Cone => 3.0 * (1.0 - squared.sqrt()),
-            Self::Epanechnikov => 2.0 * (1.0 - squared),
+            Self::Constant => F::one(),
+            Self::Cone => (F::one() - squared.sqrt()) * 3.0,
+            Self::Epanechnikov => (F::one() - squared) * 2.0,
         }
     }
 }

@@ -1,23 +1,27 @@
 //! What the algorithms share.
 
+mod connections;
 pub mod estimator;
 mod eye;
 pub mod form_factor;
 pub mod irradiance;
 mod kernel;
+mod particles;
 mod point_grid;
 mod point_tree;
 mod roulette;
 mod sheets;
 pub mod sub_path;
 
+pub use connections::Connection;
 pub use eye::{Seen, see, see_source};
 pub use kernel::{Kernel, first_radius, shrunk};
+pub use particles::{Near, Neighbours, Particle};
 pub use point_grid::{Placed, PointGrid};
 pub use point_tree::{NOTHING, Nearest, PointTree};
 pub use roulette::Roulette;
-pub use sheets::Sheets;
-pub use sub_path::{Heuristic, SubPath, Vertex};
+pub use sheets::{Place, Sheets};
+pub use sub_path::{Heuristic, Source, SubPath, Vertex};
 
 use rebond_lanes::Real;
 

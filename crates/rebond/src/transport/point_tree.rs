@@ -219,7 +219,9 @@ mod tests {
                 let d2 = |p: &[f32; 3]| (0..3).map(|i| (p[i] - q[i]) * (p[i] - q[i])).sum::<f32>();
                 let mut distances: Vec<f32> = points.iter().map(d2).collect();
                 distances.sort_by(f32::total_cmp);
-                for (k, most) in [(1, f32::INFINITY), (7, f32::INFINITY), (500, f32::INFINITY), (20, 0.05), (usize::MAX, 0.1)] {
+                for (k, most) in
+                    [(1, f32::INFINITY), (7, f32::INFINITY), (500, f32::INFINITY), (20, 0.05), (usize::MAX, 0.1)]
+                {
                     let radius = tree.nearest(q, k, most, &mut found);
                     let expected: Vec<f32> = distances.iter().copied().filter(|d| *d < most).take(k).collect();
                     let mut got: Vec<f32> = found.iter().map(|(_, d2)| d2).collect();
@@ -228,8 +230,9 @@ mod tests {
                     got.iter().zip(&expected).for_each(|(a, b)| assert!((a - b).abs() <= 1e-6 * b.abs().max(1e-3)));
                     assert_eq!(radius, if expected.len() < k { most } else { got[k - 1] });
                 }
-                let even = |place: usize| tree.order[place] % 2 == 0;
-                let nearest = tree.nearest_where(q, f32::INFINITY, even).map(|place| d2(&points[tree.order[place] as usize]));
+                let even = |place: usize| tree.order[place].is_multiple_of(2);
+                let nearest =
+                    tree.nearest_where(q, f32::INFINITY, even).map(|place| d2(&points[tree.order[place] as usize]));
                 let expected = points.iter().step_by(2).map(d2).min_by(f32::total_cmp);
                 assert_eq!(nearest, expected);
             }

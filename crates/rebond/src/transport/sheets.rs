@@ -1,99 +1,231 @@
 //! Where light goes: to its pixel or to others, to the picture and to the layers it belongs to.
 
-use crate::film::{Batch, Filter, Splats};
+use super::Connection;
+use super::connections::{Arrival, Connections};
+use crate::film::{Batch, Splats};
 use crate::math::Rgb;
-use crate::render::{PathClasses, Region, TILE};
-use rebond_lanes::scalar::Index1;
+use crate::render::{PathClasses, Rays, Region, TILE};
+use crate::scene::Scene;
+use rebond_bvh::Trace;
+use rebond_lanes::{Index, Mask, Real};
 
-/// What one tile's samples bring.
-pub struct Sheets<'a> {
+/// Light for any pixel: its raster position, and two numbers in [0, 1) to choose one of those whose filters reach it.
+pub type Place<F> = ([F; 2], [F; 2]);
+
+/// What a tile's samples bring. What one sample brings is added up in an order of its own, so that none shows of what else is
+/// under way.
+pub struct Sheets<'a, F: Real = f32> {
+    scene: &'a Scene,
     classes: Option<&'a PathClasses>,
-    filter: &'a Filter,
     region: Region,
     /// Layers beside those of the classes.
     extra: usize,
     own: Vec<[Batch; TILE]>,
     splats: Splats,
-    /// Light of the sample under way for its own pixel.
-    sample: Vec<[f32; 3]>,
+    /// Light of the samples under way for their own pixels.
+    samples: Vec<Rgb<F>>,
+    /// The same, of connections.
+    connected: Vec<[[f32; 3]; 16]>,
+    /// Connections that wait to be traced: for pixels of their own, and for any.
+    to_own: Connections,
+    to_any: Connections,
+    /// What of the latter has arrived.
+    arrived: Vec<Arrival>,
+    rays: u64,
 }
 
-impl<'a> Sheets<'a> {
+impl<'a, F: Trace> Sheets<'a, F> {
     /// Nothing yet. A film has the layers of the classes, then `extra` ones.
-    pub fn new(classes: Option<&'a PathClasses>, filter: &'a Filter, region: Region, extra: usize) -> Self {
+    pub fn new(classes: Option<&'a PathClasses>, scene: &'a Scene, region: Region, extra: usize) -> Self {
         let sheets = 1 + classes.map_or(0, PathClasses::layers) + extra;
-        let own = vec![[Batch::default(); TILE]; sheets];
-        Self { classes, filter, region, extra, own, splats: Splats::default(), sample: vec![[0.0; 3]; sheets] }
+        Self {
+            scene,
+            classes,
+            region,
+            extra,
+            own: vec![[Batch::default(); TILE]; sheets],
+            splats: Splats::default(),
+            samples: vec![Rgb::black(); sheets],
+            connected: vec![[[0.0; 3]; 16]; sheets],
+            to_own: Connections::default(),
+            to_any: Connections::default(),
+            arrived: Vec::new(),
+            rays: 0,
+        }
+    }
+
+    /// Nothing again, for the next tile.
+    pub fn clear(&mut self) {
+        self.own.iter_mut().for_each(|batches| batches.fill(Batch::default()));
+        self.splats.clear();
     }
 
     /// The automaton's state of a path after these events, from the eye on.
-    pub fn state(&self, start: u32, events: impl IntoIterator<Item = u32>) -> u32 {
-        let Some(classes) = self.classes else { return 0 };
-        events.into_iter().fold(start, |state, event| classes.step::<f32>(Index1(state), Index1(event)).0)
+    #[inline(always)]
+    pub fn state(&self, start: F::Index, events: impl IntoIterator<Item = F::Index>) -> F::Index {
+        let Some(classes) = self.classes else { return start };
+        events.into_iter().fold(start, |state, event| classes.step::<F>(state, event))
     }
 
-    /// Where light of a path in this state goes: a layer's number + 1, or 0 if it does not count.
-    fn layer(&self, state: u32) -> usize {
-        self.classes.map_or(1, |classes| classes.light::<f32>(Index1(state)).0 as usize)
+    /// Where light of paths in this state goes: a layer's number + 1, or 0 if it does not count.
+    #[inline(always)]
+    fn layer(&self, state: F::Index) -> F::Index {
+        self.classes.map_or(F::Index::splat(1), |classes| classes.light::<F>(state))
     }
 
-    /// Whether light of a path in this state counts.
-    pub fn counts(&self, state: u32) -> bool {
-        self.layer(state) != 0
+    /// Layers of classes.
+    fn layers(&self) -> usize {
+        self.samples.len() - 1 - self.extra
     }
 
-    /// The sheets for light of a path in this state, each with what it weighs there: the picture, its layer, and the two of
-    /// its strategy, where it counts in full too.
-    fn sheets(&self, state: u32, strategy: Option<usize>, weight: f32) -> impl Iterator<Item = (usize, f32)> + use<> {
-        let (layer, layers) = (self.layer(state), self.sample.len() - 1 - self.extra);
-        let strategy = strategy.map(|number| 1 + layers + 2 * number).filter(|_| layer != 0);
-        let sheets = [
-            (layer != 0).then_some((0, weight)),
-            (1..=layers).contains(&layer).then_some((layer, weight)),
-            strategy.map(|weighted| (weighted, weight)),
-            strategy.map(|weighted| (weighted + 1, 1.0)),
-        ];
-        sheets.into_iter().flatten()
+    /// The two sheets of a strategy.
+    fn sheets_of(&self, strategy: usize) -> [usize; 2] {
+        let first = 1 + self.layers() + 2 * strategy;
+        [first, first + 1]
     }
 
-    /// Light for the pixel of the sample under way.
-    pub fn add(&mut self, state: u32, strategy: Option<usize>, light: Rgb<f32>, weight: f32) {
-        for (sheet, weight) in self.sheets(state, strategy, weight) {
-            self.sample[sheet].iter_mut().zip((light * weight).lane(0)).for_each(|(sum, x)| *sum += x);
+    /// Light for the pixels of the samples under way: for the picture, its layer, and the two of its strategy, where it counts
+    /// in full too.
+    #[inline(always)]
+    pub fn add(&mut self, state: F::Index, strategy: Option<usize>, light: Rgb<F>, weight: F, mask: F::Mask) {
+        let layer = self.layer(state);
+        let mask = mask & layer.ne(F::Index::splat(0));
+        let weighed = (light * weight).masked(mask);
+        self.samples[0] += weighed;
+        for number in 1..=self.layers() {
+            self.samples[number] += weighed.masked(layer.eq(F::Index::splat(number as u32)));
+        }
+        if let Some(strategy) = strategy {
+            let [weighed_sheet, full_sheet] = self.sheets_of(strategy);
+            self.samples[weighed_sheet] += weighed;
+            self.samples[full_sheet] += light.masked(mask);
         }
     }
 
-    /// Light at a raster position, for one of the pixels whose filters reach it, by two numbers in [0, 1). What falls beside the
-    /// region is lost.
+    /// Light at raster positions, for any pixels. What falls beside the region is lost.
     pub fn splat(
         &mut self,
-        state: u32,
+        state: F::Index,
         strategy: Option<usize>,
-        (raster, u): ([f32; 2], [f32; 2]),
-        light: Rgb<f32>,
-        weight: f32,
+        (raster, u): Place<F>,
+        light: Rgb<F>,
+        weight: F,
+        mask: F::Mask,
     ) {
-        let (region, size) = (self.region, [self.region.width, self.region.height].map(i64::from));
-        let reach = self.filter.reach() + 1.0;
-        let at = [raster[0] - region.x as f32, raster[1] - region.y as f32];
-        if !(0..2).all(|i| at[i] > -reach && at[i] < size[i] as f32 + reach) {
-            return;
-        }
-        let ([x, y], share) = self.filter.splat(raster, u);
-        let (x, y) = (x - i64::from(region.x), y - i64::from(region.y));
-        if (0..size[0]).contains(&x) && (0..size[1]).contains(&y) {
-            for (sheet, weight) in self.sheets(state, strategy, weight) {
-                self.splats.add(sheet, (y * size[0] + x) as usize, (light * (weight * share)).lane(0));
-            }
+        let layer = self.layer(state);
+        let mask = mask & layer.ne(F::Index::splat(0)) & self.may_be_within(raster);
+        let mut lanes = mask.bits();
+        while lanes != 0 {
+            let lane = lanes.trailing_zeros() as usize % F::LANES;
+            lanes &= lanes - 1;
+            let at = |x: [F; 2]| x.map(|x| x.lane(lane));
+            let (light, weight, layer) = (light.lane(lane), weight.lane(lane), layer.lane(lane) as usize);
+            self.splat_one(&Arrival { lane, light, weight, layer, strategy, at: (at(raster), at(u)) });
         }
     }
 
-    /// The sample under way, of the pixel at this place of its tile, has ended, and its light's path with it.
-    pub fn end_sample(&mut self, slot: u32, weight: f32) {
-        for (batches, light) in self.own.iter_mut().zip(&mut self.sample) {
-            batches[slot as usize].add(std::mem::take(light), weight);
+    fn splat_one(&mut self, arrival: &Arrival) {
+        let Arrival { lane, light, weight, layer, strategy, at: (raster, u) } = *arrival;
+        let ([x, y], share) = self.scene.filter().splat(raster, u);
+        let (x, y) = (x - i64::from(self.region.x), y - i64::from(self.region.y));
+        let size = [self.region.width, self.region.height].map(i64::from);
+        if !(0..size[0]).contains(&x) || !(0..size[1]).contains(&y) {
+            return;
         }
-        self.splats.end_path();
+        let pixel = (y * size[0] + x) as usize;
+        let light = light.map(|x| x * share);
+        let weighed = light.map(|x| x * weight);
+        self.splats.add(lane, 0, pixel, weighed);
+        if layer <= self.layers() {
+            self.splats.add(lane, layer, pixel, weighed);
+        }
+        if let Some(strategy) = strategy {
+            let [weighed_sheet, full_sheet] = self.sheets_of(strategy);
+            self.splats.add(lane, weighed_sheet, pixel, weighed);
+            self.splats.add(lane, full_sheet, pixel, light);
+        }
+    }
+
+    /// Lanes whose place is near enough to the region for a filter to reach it.
+    #[inline(always)]
+    fn may_be_within(&self, raster: [F; 2]) -> F::Mask {
+        let reach = self.scene.filter().reach() + 1.0;
+        let axis = |at: F, first: u32, size: u32| {
+            let at = at - first as f32;
+            at.gt(F::splat(-reach)) & at.lt(F::splat(size as f32 + reach))
+        };
+        let r = &self.region;
+        axis(raster[0], r.x, r.width) & axis(raster[1], r.y, r.height)
+    }
+
+    /// Light for the pixels of the samples under way, if its rays are free.
+    #[inline(always)]
+    pub fn connect(&mut self, c: &Connection<F>, mask: F::Mask) {
+        let layer = self.layer(c.state);
+        let mask = mask & layer.ne(F::Index::splat(0));
+        if mask.any() {
+            self.rays += u64::from(mask.count());
+            self.to_own.add(c, layer, None, mask);
+            self.trace_to_own(false);
+        }
+    }
+
+    /// Light for any pixels, if its rays are free.
+    #[inline(always)]
+    pub fn connect_to_lens(&mut self, c: &Connection<F>, at: Place<F>, mask: F::Mask) {
+        let layer = self.layer(c.state);
+        let mask = mask & layer.ne(F::Index::splat(0)) & self.may_be_within(at.0);
+        if mask.any() {
+            self.rays += u64::from(mask.count());
+            self.to_any.add(c, layer, Some(at), mask);
+            self.trace_to_any(false);
+        }
+    }
+
+    #[inline(never)]
+    fn trace_to_own(&mut self, last: bool) {
+        let (layers, extra_sheets) = (self.layers(), 1 + self.layers());
+        let connected = &mut self.connected;
+        self.to_own.trace::<F>(self.scene, last, |a| {
+            let mut add = |sheet: usize, weight: f32| {
+                connected[sheet][a.lane].iter_mut().zip(a.light).for_each(|(sum, x)| *sum += x * weight);
+            };
+            add(0, a.weight);
+            if a.layer <= layers {
+                add(a.layer, a.weight);
+            }
+            if let Some(strategy) = a.strategy {
+                add(extra_sheets + 2 * strategy, a.weight);
+                add(extra_sheets + 2 * strategy + 1, 1.0);
+            }
+        });
+    }
+
+    #[inline(never)]
+    fn trace_to_any(&mut self, last: bool) {
+        let arrived = &mut self.arrived;
+        self.to_any.trace::<F>(self.scene, last, |arrival| arrived.push(arrival));
+    }
+
+    /// The samples under way, of the pixels at these places of their tile, have ended, and their light's paths with them.
+    pub fn end_samples(&mut self, slot: F::Index, mask: F::Mask, weight: f32, rays: &mut Rays) {
+        self.trace_to_own(true);
+        self.trace_to_any(true);
+        rays.shadow += std::mem::take(&mut self.rays);
+        let lanes = mask.count() as usize;
+        for ((batches, light), connected) in self.own.iter_mut().zip(&mut self.samples).zip(&mut self.connected) {
+            let (light, connected) = (std::mem::take(light), std::mem::take(connected));
+            for (lane, more) in connected[..lanes].iter().enumerate() {
+                let light = light.lane(lane);
+                let both = std::array::from_fn(|c| light[c] + more[c]);
+                batches[slot.lane(lane) as usize].add(both, weight);
+            }
+        }
+        let arrived = std::mem::take(&mut self.arrived);
+        arrived.iter().for_each(|arrival| self.splat_one(arrival));
+        self.arrived = arrived;
+        self.arrived.clear();
+        self.splats.end_paths(lanes);
     }
 
     /// What the pixels' own samples brought, by sheet.

@@ -1,4 +1,4 @@
-//! Sub-paths: random walks from the eye and from the light, one function for both.
+//! Sub-paths: random walks from the eye and from the light, one function for both; in lanes, all of one length.
 //!
 //! A path x_0 … x_k can be found in many ways: its first vertices from one end, the rest from the other. From the end where
 //! x_0 is, let p_i be the density (per area) with which a walk finds x_i after x_{i−1}, and r_i that of the walk from the other
@@ -14,19 +14,20 @@
 //! known where that walk comes from. c_i is 1 where both ends of that edge scatter in more than single directions, else 0; c_1
 //! is the density with which x_0 is drawn for connections, over p_0. So two numbers per vertex are all that multiple importance
 //! sampling needs (Georgiev 2012, §4, where they are dVCM and dVC; the ratios are those of Veach 1997, §10.3). With the power
-//! heuristic every density is squared, in sums too.
+//! heuristic sums are of squares; what is kept of them is their root, so that all are ratios of densities.
 //!
 //! Densities leave Russian roulette out: weights need only be functions of the path that add up to 1. At mirrors and glass r and
 //! p hold the same probability of a branch, which is left out of both.
 
 use super::Roulette;
-use crate::bsdf::{Bsdf, TransportMode};
+use crate::bsdf::{Bsdf, BsdfValue, TransportMode};
 use crate::emitter::{Emission, EmitterHit, LightSampling};
 use crate::math::{Rgb, Vec3};
 use crate::render::{Dimensions, PathState};
+use crate::sampling::Sampler;
 use crate::scene::{Scene, Surface};
 use rebond_bvh::{Hit, Ray};
-use rebond_lanes::scalar::Index1;
+use rebond_lanes::{Index, Mask, Real};
 use serde::{Deserialize, Serialize};
 
 /// How the ways to find a path are weighed against each other (Veach 1997, §9.2).
@@ -41,56 +42,97 @@ pub enum Heuristic {
 }
 
 impl Heuristic {
-    /// A density, or a ratio of them, as it goes into weights.
+    /// Two densities together: their sum, or the root of that of their squares.
     #[inline(always)]
-    pub fn of(self, density: f32) -> f64 {
-        let density = f64::from(density);
+    pub fn sum<F: Real>(self, a: F, b: F) -> F {
         match self {
-            Self::Balance => density,
-            Self::Power => density * density,
+            Self::Balance => a + b,
+            Self::Power => {
+                // Squares of ratios, since those of densities may be beyond f32.
+                let most = a.max(b);
+                let ratio = (a.min(b) / most.max(F::splat(f32::MIN_POSITIVE))).min(F::one());
+                most * (ratio * ratio + 1.0).sqrt()
+            }
+        }
+    }
+
+    /// The weight of a way, where all that take fewer vertices from one end have these densities over its own, and all that take
+    /// fewer from the other end those.
+    #[inline(always)]
+    pub fn weight<F: Real>(self, others: [F; 2]) -> F {
+        // The bound comes first, since it is what a NaN becomes.
+        let [a, b] = others.map(|x| x.min(F::splat(1e18)));
+        match self {
+            Self::Balance => (a + 1.0 + b).recip(),
+            Self::Power => (a * a + 1.0 + b * b).recip(),
         }
     }
 }
 
-/// A surface point of a sub-path.
+/// Surface points of sub-paths.
 #[derive(Clone, Copy, Debug)]
-pub struct Vertex<'a> {
+pub struct Vertex<'a, F: Real = f32> {
     /// Where; `wo` is the direction to the vertex before.
-    pub surface: Surface<f32>,
+    pub surface: Surface<F>,
     /// How it scatters.
-    pub bsdf: Bsdf<'a, f32>,
+    pub bsdf: Bsdf<'a, F>,
     /// What light (or importance) that arrives here counts.
-    pub throughput: Rgb<f32>,
+    pub throughput: Rgb<F>,
     /// A of this vertex.
-    pub near: f64,
+    pub near: F,
     /// B of this vertex.
-    pub far: f64,
+    pub far: F,
     /// Number of the [`Event`](crate::bsdf::Event) by which the walk went on.
-    pub event: u32,
+    pub event: F::Index,
+    /// Lanes whose walk came here.
+    pub mask: F::Mask,
 }
 
-impl Vertex<'_> {
+impl<F: Real> Vertex<'_, F> {
     /// Σ, for a walk from the other end that finds this vertex with density `found` and would go on with density `on`; in the
     /// terms of the heuristic.
     #[inline(always)]
-    pub fn others(&self, heuristic: Heuristic, found: f32, on: f32) -> f64 {
-        heuristic.of(found) * (self.near + heuristic.of(on) * self.far)
+    pub fn others(&self, heuristic: Heuristic, found: F, on: F) -> F {
+        found * heuristic.sum(self.near, on * self.far)
     }
 
     /// |cosθ| of a direction at the geometric surface.
     #[inline(always)]
-    pub fn cos(&self, w: Vec3<f32>) -> f32 {
+    pub fn cos(&self, w: Vec3<F>) -> F {
         self.surface.ng.dot(w).abs()
+    }
+
+    /// The BSDF from the vertex before to the direction `w`. Apart, as the next: there is much of it, and many ask.
+    #[inline(never)]
+    pub fn eval(&self, w: Vec3<F>, mode: TransportMode, mask: F::Mask) -> BsdfValue<F> {
+        self.bsdf.eval(self.surface.wo, w, mode, mask)
+    }
+
+    /// The density with which a walk from the other end, of that mode, would go on from direction `w` to the vertex before.
+    #[inline(never)]
+    pub fn pdf_back(&self, w: Vec3<F>, mode: TransportMode, mask: F::Mask) -> F {
+        self.bsdf.eval(w, self.surface.wo, mode, mask).pdf.0
     }
 }
 
-/// Where the walk from the light began.
+/// Where walks from the light begin.
 #[derive(Clone, Copy, Debug)]
-struct Source {
-    emitter: u32,
+pub struct Source<F: Real = f32> {
+    /// Which emitter.
+    pub emitter: F::Index,
     /// Probability of its choice.
-    probability: f32,
-    emission: Emission,
+    pub probability: F,
+    /// The ray that leaves it.
+    pub emission: Emission<F>,
+}
+
+impl<F: Real> Source<F> {
+    /// One of the emitters, and a ray from it, by the values of a start; `None` in a scene without light.
+    pub fn draw(scene: &Scene, u: &Dimensions<F>, time: F, mask: F::Mask) -> Option<Self> {
+        let (emitter, probability) = scene.light_sampler().source(|| u.value(SOURCE))?;
+        let emission = scene.emitters().emit(emitter, time, u.pair(POSITION), u.pair(DIRECTION), mask);
+        Some(Self { emitter, probability, emission })
+    }
 }
 
 /// When and how walks end by chance.
@@ -104,33 +146,33 @@ pub struct Ending {
     pub rr_depth: u32,
 }
 
-/// A walk under way: a ray, and what it carries.
+/// Walks under way: rays, and what they carry.
 #[derive(Clone, Copy)]
-pub struct SubPath<'a> {
+pub struct SubPath<'a, F: Real = f32> {
     scene: &'a Scene,
     mode: TransportMode,
     heuristic: Option<Heuristic>,
     /// The ray under way.
-    pub ray: Ray<f32>,
+    pub ray: Ray<F>,
     /// Where it started, on the surface itself.
-    pub from: Vec3<f32>,
+    pub from: Vec3<F>,
     /// Shading normal there; zero at the eye and the light.
-    pub normal: Vec3<f32>,
+    pub normal: Vec3<F>,
     /// What the first ray counts, and what became of that since.
-    start: Rgb<f32>,
-    carried: Rgb<f32>,
-    eta_squared: f32,
-    /// A and B of the next vertex, but for cosθ and d² there.
-    pub near: f64,
+    start: Rgb<F>,
+    carried: Rgb<F>,
+    eta_squared: F,
+    /// A of the next vertex, but for cosθ and d² there.
+    pub near: F,
     /// B.
-    pub far: f64,
+    pub far: F,
     /// Whether the ray comes from infinitely far, so that d² does not count.
-    pub from_far: bool,
+    pub from_far: F::Mask,
     /// Whether the ray left in a direction that only its sampler finds.
-    pub specular: bool,
+    pub specular: F::Mask,
     /// Segments, the ray under way included.
     pub segments: u32,
-    source: Option<Source>,
+    source: Option<Source<F>>,
 }
 
 /// Dimensions of the sample values of one bounce.
@@ -141,17 +183,16 @@ const ROULETTE: u32 = 5;
 /// How many dimensions a bounce uses; the first two are free.
 pub const PER_BOUNCE: u32 = 6;
 
-impl<'a> SubPath<'a> {
-    /// From the eye, along a camera ray. For each of its paths there are `light_paths` that may be connected to the eye. Without
+impl<'a, F: Real> SubPath<'a, F> {
+    /// From the eye, along camera rays. For each of its paths there are `light_paths` that may be connected to the eye. Without
     /// a heuristic nothing is made ready for weights.
-    pub fn from_eye(scene: &'a Scene, heuristic: Option<Heuristic>, path: &PathState<f32>, light_paths: f32) -> Self {
-        let (camera, d) = (scene.camera(), path.direction());
-        let (mut near, mut far) = (0.0, 0.0);
-        if let Some(h) = heuristic {
-            let each = light_paths / camera.density(d, path.time).0;
-            near = h.of(each);
+    pub fn from_eye(scene: &'a Scene, heuristic: Option<Heuristic>, path: &PathState<F>, light_paths: f32) -> Self {
+        let (camera, d, time) = (scene.camera(), path.direction(), path.time);
+        let (mut near, mut far) = (F::zero(), F::zero());
+        if heuristic.is_some() {
+            near = camera.density(d, time).0.recip() * light_paths;
             if camera.has_lens() {
-                far = h.of(each * camera.cos(d, path.time) / camera.lens_pdf(path.time).0);
+                far = near * camera.cos(d, time) / camera.lens_pdf(time).0;
             }
         }
         Self {
@@ -159,40 +200,31 @@ impl<'a> SubPath<'a> {
             mode: TransportMode::Radiance,
             heuristic,
             ray: path.ray(),
-            from: path.origin(),
+            from: camera.lens_of(path.origin(), d, time),
             normal: Vec3::zero(),
             start: path.throughput(),
             carried: Rgb::white(),
-            eta_squared: 1.0,
+            eta_squared: F::one(),
             near,
             far,
-            from_far: camera.is_parallel(),
-            specular: true,
+            from_far: F::Mask::splat(camera.is_parallel()),
+            specular: F::Mask::splat(true),
             segments: 1,
             source: None,
         }
     }
 
-    /// From a light, which was chosen with this probability.
-    pub fn from_light(
-        scene: &'a Scene,
-        heuristic: Option<Heuristic>,
-        emitter: u32,
-        probability: f32,
-        emission: &Emission,
-        time: f32,
-    ) -> Self {
-        let emitters = scene.emitters();
+    /// From a light.
+    pub fn from_light(scene: &'a Scene, heuristic: Option<Heuristic>, source: &Source<F>, time: F) -> Self {
+        let (emitters, emission) = (scene.emitters(), &source.emission);
         let (position, direction) = (emission.pdf.position.0, emission.pdf.direction.0);
-        let infinite = emitters.is_infinite(emitter);
-        let (mut near, mut far) = (0.0, 0.0);
-        if let Some(h) = heuristic {
-            let (cos, next) =
-                if infinite { (1.0, position) } else { (emission.normal.dot(emission.d).abs(), direction) };
-            near = h.of(1.0 / next);
-            if emitters.is_hittable(emitter) {
-                far = h.of(cos / (position * direction * probability));
-            }
+        let infinite = emitters.is_infinite::<F>(source.emitter);
+        let (mut near, mut far) = (F::zero(), F::zero());
+        if heuristic.is_some() {
+            let cos = F::select(infinite, F::one(), emission.normal.dot(emission.d).abs());
+            near = F::select(infinite, position, direction).recip();
+            let hittable = emitters.is_hittable::<F>(source.emitter);
+            far = F::select(hittable, cos / (position * direction * source.probability), F::zero());
         }
         Self {
             scene,
@@ -201,102 +233,103 @@ impl<'a> SubPath<'a> {
             ray: emission.ray(time),
             from: emission.o,
             normal: Vec3::zero(),
-            start: emission.weight * (1.0 / probability),
+            start: emission.weight * source.probability.recip(),
             carried: Rgb::white(),
-            eta_squared: 1.0,
+            eta_squared: F::one(),
             near,
             far,
             from_far: infinite,
-            specular: false,
+            specular: F::Mask::splat(false),
             segments: 1,
-            source: Some(Source { emitter, probability, emission: *emission }),
+            source: Some(*source),
         }
     }
 
     /// Where the ray starts.
-    pub fn origin(&self) -> Vec3<f32> {
-        Vec3::splat(self.ray.o)
+    pub fn origin(&self) -> Vec3<F> {
+        let [x, y, z] = self.ray.o;
+        Vec3 { x, y, z }
     }
 
     /// Its unit direction.
-    pub fn direction(&self) -> Vec3<f32> {
-        Vec3::splat(self.ray.d)
+    pub fn direction(&self) -> Vec3<F> {
+        let [x, y, z] = self.ray.d;
+        Vec3 { x, y, z }
     }
 
     /// What the ray counts.
-    pub fn throughput(&self) -> Rgb<f32> {
+    pub fn throughput(&self) -> Rgb<F> {
         self.start * self.carried
     }
 
-    /// The vertex that the ray hit. Mixed materials draw one of their parts.
-    pub fn arrive(&mut self, hit: &Hit<f32>, u: &Dimensions<f32>) -> Vertex<'a> {
-        let surface = self.scene.surface(&self.ray, hit, true);
-        let bsdf = self.scene.bsdf(&surface, || u.value(MIX_CHOICE), true);
-        if let Some(h) = self.heuristic {
+    /// The vertices that the rays of `mask` hit. Mixed materials draw one of their parts.
+    #[inline(never)]
+    pub fn arrive(&mut self, hit: &Hit<F>, u: &Dimensions<F>, mask: F::Mask) -> Vertex<'a, F> {
+        let surface = self.scene.surface(&self.ray, hit, mask);
+        let bsdf = self.scene.bsdf(&surface, || u.value(MIX_CHOICE), mask);
+        if self.heuristic.is_some() {
             if let Some(source) = &self.source
                 && self.segments == 1
             {
-                self.near *= h.of(self.drawn(source, &surface, bsdf.normal()));
+                self.near *= self.drawn(source, &surface, bsdf.normal(), mask);
             }
-            let per_cos = h.of(1.0 / surface.ng.dot(surface.wo).abs().max(f32::MIN_POSITIVE));
-            if !self.from_far {
-                self.near *= h.of((surface.p - self.from).length_squared());
-            }
-            self.near *= per_cos;
+            let per_cos = surface.ng.dot(surface.wo).abs().max(F::splat(f32::MIN_POSITIVE)).recip();
+            let d2 = (surface.p - self.from).length_squared();
+            self.near *= F::select(self.from_far, F::one(), d2) * per_cos;
             self.far *= per_cos;
         }
-        let (near, far) = (self.near, self.far);
-        Vertex { surface, bsdf, throughput: self.throughput(), near, far, event: 0 }
+        let (near, far, event) = (self.near, self.far, F::Index::splat(0));
+        Vertex { surface, bsdf, throughput: self.throughput(), near, far, event, mask }
     }
 
     /// c_1: the density with which a surface draws the light's point, over that with which the walk began there.
-    fn drawn(&self, source: &Source, at: &Surface<f32>, normal: Vec3<f32>) -> f32 {
-        let (emitters, emitter) = (self.scene.emitters(), Index1(source.emitter));
-        let asked = self.scene.light_sampler().probability(at.p, normal, emitter, true);
-        let choice = asked / source.probability;
-        if emitters.is_infinite(source.emitter) || !emitters.is_hittable(source.emitter) {
+    fn drawn(&self, source: &Source<F>, at: &Surface<F>, normal: Vec3<F>, mask: F::Mask) -> F {
+        let (emitters, emitter) = (self.scene.emitters(), source.emitter);
+        let choice = self.scene.light_sampler().probability(at.p, normal, emitter, mask) / source.probability;
+        let placed = emitters.is_hittable::<F>(emitter).and_not(emitters.is_infinite::<F>(emitter));
+        if placed.none() {
             return choice;
         }
         let (to, n) = (source.emission.o - at.p, source.emission.normal);
         let hit = EmitterHit { emitter, from: at.p, to, normal: n, time: self.ray.time };
-        let drawn = emitters.pdf(&hit, LightSampling::Area, true).to_area(to, n);
-        choice * drawn.0 / source.emission.pdf.position.0
+        let drawn = emitters.pdf(&hit, LightSampling::Area, mask).to_area(to, n).0 / source.emission.pdf.position.0;
+        choice * F::select(placed, drawn, F::one())
     }
 
-    /// Goes on from a vertex; whether the walk does.
-    pub fn scatter(&mut self, vertex: &mut Vertex<'a>, u: &Dimensions<f32>, ending: &Ending) -> bool {
-        let (bsdf, wo) = (&vertex.bsdf, vertex.surface.wo);
-        let next = bsdf.sample(wo, u.pair(BSDF_DIRECTION), || u.value(BSDF_CHOICE), self.mode, true);
-        if !next.weight.is_lit() {
-            return false;
+    /// Goes on from vertices; the lanes whose walks do.
+    #[inline(never)]
+    pub fn scatter(&mut self, vertex: &mut Vertex<'a, F>, u: &Dimensions<F>, ending: &Ending) -> F::Mask {
+        let (bsdf, wo, mask) = (&vertex.bsdf, vertex.surface.wo, vertex.mask);
+        let next = bsdf.sample(wo, u.pair(BSDF_DIRECTION), || u.value(BSDF_CHOICE), self.mode, mask);
+        let mut alive = mask & next.weight.is_lit();
+        if alive.none() {
+            return alive;
         }
         self.carried *= next.weight;
         self.eta_squared *= next.eta * next.eta;
         if self.segments >= ending.rr_depth {
-            let eta = if self.mode == TransportMode::Radiance { self.eta_squared } else { 1.0 };
+            let eta = if self.mode == TransportMode::Radiance { self.eta_squared } else { F::one() };
             let survival = ending.roulette.survival(ending.survival, next.weight, self.carried * eta);
-            if u.value(ROULETTE) >= survival {
-                return false;
+            alive = alive.and_not(u.value(ROULETTE).ge(survival));
+            if alive.none() {
+                return alive;
             }
-            self.carried = self.carried * (1.0 / survival);
+            self.carried = self.carried * survival.recip();
         }
         if let Some(h) = self.heuristic {
             let cos = vertex.cos(next.w);
-            if next.specular {
-                (self.near, self.far) = (0.0, h.of(cos) * self.far);
-            } else {
-                let back = bsdf.eval(next.w, wo, opposite(self.mode), true).pdf.0;
-                let pdf = next.pdf.0;
-                self.far = h.of(cos / pdf) * (self.near + h.of(back) * self.far);
-                self.near = h.of(1.0 / pdf);
-            }
+            let per_pdf = next.pdf.0.recip();
+            let back = vertex.pdf_back(next.w, opposite(self.mode), alive.and_not(next.specular));
+            let far = cos * per_pdf * h.sum(self.near, back * self.far);
+            self.far = F::select(next.specular, cos * self.far, far);
+            self.near = F::select(next.specular, F::zero(), per_pdf);
         }
-        vertex.event = bsdf.event(wo, next.w).0;
+        vertex.event = bsdf.event(wo, next.w);
         (self.from, self.normal) = (vertex.surface.p, bsdf.normal());
         (self.ray.o, self.ray.d) = (vertex.surface.leave(next.w).array(), next.w.array());
-        (self.from_far, self.specular) = (false, next.specular);
+        (self.from_far, self.specular) = (F::Mask::splat(false), next.specular);
         self.segments += 1;
-        true
+        alive
     }
 }
 
@@ -311,11 +344,12 @@ fn opposite(mode: TransportMode) -> TransportMode {
 /// The dimensions of bounces of walks from the light begin here.
 const FIRST_OF_LIGHT: u32 = 1 << 16;
 
-/// The sample values of the light's walk beside sample `index` of a pixel: of its start (0) or one of its bounces. The walks
-/// of one sample of all pixels share one sequence, so that together they leave the lights well spread.
-pub fn light_dimensions(sampler: &crate::sampling::Sampler, pixel: u32, index: u32, number: u32) -> Dimensions<f32> {
-    let stream = sampler.stream(Index1(index), Index1(pixel));
-    Dimensions::new(stream, Index1(FIRST_OF_LIGHT + number), LIGHT_PER_BOUNCE)
+/// The sample values of the light's walks beside samples `index` of pixels: of their start (0) or one of their bounces. The
+/// walks of one sample of all pixels share one sequence, so that together they leave the lights well spread.
+#[inline(always)]
+pub fn light_dimensions<F: Real>(sampler: &Sampler, pixel: F::Index, index: F::Index, number: u32) -> Dimensions<F> {
+    let stream = sampler.stream(index, pixel);
+    Dimensions::new(stream, F::Index::splat(FIRST_OF_LIGHT + number), LIGHT_PER_BOUNCE)
 }
 
 /// Of those: through which point of the lens a vertex is seen, and which pixel gets it.

@@ -94,9 +94,15 @@ fn probabilities_add_up_to_one() {
 #[test]
 fn lanes_choose_as_one_does_and_know_its_probability() {
     let mut values = Values::new(2);
-    let (emitters, sampler) = mixture(300, true, &mut values);
+    for n in [5, 300] {
+        lanes_choose(n, &mut values);
+    }
+}
+
+fn lanes_choose(n: usize, values: &mut Values) {
+    let (emitters, sampler) = mixture(n, true, values);
     let mut lane_of = |f: &mut dyn FnMut(&mut Values) -> f32| {
-        (0..16).fold(F32x16::splat(0.0), |v, lane| v.with_lane(lane, f(&mut values)))
+        (0..16).fold(F32x16::splat(0.0), |v, lane| v.with_lane(lane, f(values)))
     };
     for _ in 0..200 {
         let mut vector = |radius: f32| {
@@ -104,6 +110,8 @@ fn lanes_choose_as_one_does_and_know_its_probability() {
             vec3(c(), c(), c())
         };
         let (p, n) = (vector(5.0), vector(1.0).normalized());
+        // The lanes that look down have none.
+        let n = Vec3::select(n.z.gt(F32x16::splat(-0.3)), n, Vec3::zero());
         let u = lane_of(&mut Values::one);
         let (all, none) = (Mask::splat(true), Mask::splat(false));
         let (emitter, probability) = sampler.sample(p, n, || u, all).expect("light");
@@ -125,10 +133,11 @@ fn lanes_choose_as_one_does_and_know_its_probability() {
 #[test]
 fn draws_follow_their_probabilities() {
     let mut values = Values::new(3);
-    for (n, infinite) in [(10, false), (40, true), (200, false)] {
+    for (n, infinite) in [(5, false), (7, true), (10, false), (40, true), (200, false)] {
         let (emitters, sampler) = mixture(n, infinite, &mut values);
-        for _ in 0..3 {
-            let (p, normal) = (lanes(values.place(6.0)), lanes(values.direction()));
+        for round in 0..3 {
+            let normal = if round == 2 { Vec3::zero() } else { lanes(values.direction()) };
+            let p = lanes(values.place(6.0));
             let draws = 100_000;
             let mut counts = vec![0; emitters.len()];
             for u in crate::testing::random_pairs(draws) {
@@ -153,14 +162,15 @@ fn digits_do_not_run_out() {
         let position = V::new(-10.0, 0.0, 0.0) + values.place(0.1);
         emitters.push(Emitter::Point { position, intensity: [1.0 / (65_536.0 * n as f32); 3] });
     }
-    let tree = LightTree::new(&emitters).expect("light");
-    let weak_first = tree.sample(Vec3::zero(), Vec3::zero(), 0.0_f32, true).0.0 != 0;
+    let tree = LightTree::new(Light::all(&emitters), emitters.len());
+    let normal = lanes(V::X);
+    let weak_first = tree.sample(Vec3::zero(), normal, 0.0_f32, true).0.0 != 0;
     let (mut counts, mut draws, mut expected) = (vec![0; n as usize], 0, vec![0.0; n as usize]);
     for k in 0..256 {
         let u = if weak_first { k as f32 } else { (1 << 24) as f32 - 1.0 - k as f32 } / (1 << 24) as f32;
         for _ in 0..200 {
             let p = lanes(values.place(1e-3));
-            let (e, _) = tree.sample(p, Vec3::zero(), u, true);
+            let (e, _) = tree.sample(p, normal, u, true);
             assert!(e.0 > 0);
             counts[e.0 as usize - 1] += 1;
             draws += 1;
@@ -168,7 +178,7 @@ fn digits_do_not_run_out() {
     }
     let mut total = 0.0;
     for (e, x) in expected.iter_mut().enumerate() {
-        *x = f64::from(tree.probability::<f32>(Vec3::zero(), Vec3::zero(), Index1(e as u32 + 1), true));
+        *x = f64::from(tree.probability::<f32>(Vec3::zero(), normal, Index1(e as u32 + 1), true));
         total += *x;
     }
     assert!((total * 65_537.0 - 1.0).abs() < 1e-3, "{total}");
@@ -203,7 +213,7 @@ fn bounds_hold() {
             let away = (p - center).abs();
             let (near, far) = ((away - half).max(V::ZERO).length(), (away + half).length());
             let d2 = (near * far).max(half.length_squared() / 3.0);
-            let cosines = receiver.importance(place, cone) * d2 / all.intensity;
+            let cosines = receiver.importance(Bounds::unpack(place, cone)) * d2 / all.intensity;
             for (i, e) in (0..).zip(&emitters) {
                 let s = table.sample(Index1(i), lanes(p), 0.0, LightSampling::Area, values.pair(), true);
                 if s.weight.g == 0.0 {
@@ -250,7 +260,7 @@ fn degenerate_places_make_trees() {
     for place in places {
         let emitter = |i: u16| Emitter::Point { position: place(f32::from(i)), intensity: [1.0; 3] };
         let emitters: Vec<Emitter> = (0..300).map(emitter).collect();
-        let tree = LightTree::new(&emitters).expect("light");
+        let tree = LightTree::new(Light::all(&emitters), emitters.len());
         let probability = |i: u32| tree.probability::<f32>(Vec3::splat([1.0; 3]), Vec3::zero(), Index1(i), true);
         let sum: f32 = (0..300).map(probability).sum();
         assert!((sum - 1.0).abs() < 1e-4, "{sum}");

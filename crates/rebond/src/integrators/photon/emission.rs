@@ -7,13 +7,14 @@
 //! A walk leaves one at each surface it meets that scatters in more than single directions, and ends by Russian roulette with the
 //! albedo, so that photons hardly differ in power.
 
-use crate::bsdf::TransportMode;
 use crate::math::Vec3;
-use crate::render::{Observer, Rays, in_order};
+use crate::render::{Engine, Observer, Rays, in_order};
 use crate::sampling::Sampler;
 use crate::scene::{Scene, is_hit};
-use crate::transport::sub_path::{DIRECTION, Ending, MOMENT, POSITION, SOURCE, light_dimensions};
-use crate::transport::{Placed, Roulette, SubPath, Vertex};
+use crate::transport::sub_path::{Ending, MOMENT, light_dimensions};
+use crate::transport::{Particle, Roulette, Source, SubPath};
+use rebond_bvh::Trace;
+use rebond_lanes::{F32x16, Index, Mask};
 
 /// How walks end.
 const ENDING: Ending = Ending { roulette: Roulette::Albedo, survival: 0.95, rr_depth: 1 };
@@ -23,45 +24,6 @@ const JOB: u32 = 1024;
 const ROUND: u32 = 256;
 /// Photons after which no further walk is begun, and N is what was begun: 1.1 GB in their tree, thrice that while it is filled.
 const MOST: u64 = 1 << 24;
-
-/// A photon where it is stored.
-#[derive(Clone, Copy, Debug)]
-pub struct Photon {
-    /// Where.
-    pub p: [f32; 3],
-    /// Segments of its path of light.
-    pub segments: u32,
-    /// Unit direction to where it came from.
-    pub w: Vec3<f32>,
-    /// Geometric normal of the surface, on that side.
-    pub normal: Vec3<f32>,
-    /// N Φ_p.
-    pub power: [f32; 3],
-}
-
-impl Default for Photon {
-    fn default() -> Self {
-        Self { p: [0.0; 3], segments: 0, w: Vec3::zero(), normal: Vec3::zero(), power: [0.0; 3] }
-    }
-}
-
-impl Placed for Photon {
-    fn place(&self) -> [f32; 3] {
-        self.p
-    }
-}
-
-impl Photon {
-    /// f_r Φ_p N of it for the eye at a vertex near by. The estimate is one of flux through the surface as it is, radiance is
-    /// reflected by the surface as it is shaded: so cosines differ.
-    #[inline(always)]
-    pub fn reflected(&self, vertex: &Vertex<'_>) -> [f32; 3] {
-        let f = vertex.bsdf.eval(vertex.surface.wo, self.w, TransportMode::Radiance, true).f;
-        let factor = (vertex.bsdf.normal().dot(self.w) / vertex.surface.ng.dot(self.w)).abs();
-        let [r, g, b] = self.power;
-        if factor.is_finite() { [f.r * r * factor, f.g * g * factor, f.b * b * factor] } else { [0.0; 3] }
-    }
-}
 
 /// Which photons are kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -109,10 +71,21 @@ impl Counts {
 /// Photons, in the order of their walks.
 #[derive(Default)]
 pub struct Emitted {
-    /// By job.
-    pub photons: Vec<Vec<Photon>>,
+    /// By job; N times their power.
+    pub photons: Vec<Vec<Particle>>,
+    /// Geometric normals where they lie, on their side.
+    pub normals: Vec<Vec<Vec3<f32>>>,
     pub counts: Counts,
     pub rays: Rays,
+}
+
+/// What one job emits.
+#[derive(Default)]
+struct Job {
+    photons: Vec<Particle>,
+    normals: Vec<Vec3<f32>>,
+    counts: Counts,
+    rays: Rays,
 }
 
 /// What emits them.
@@ -120,6 +93,7 @@ pub struct Emitted {
 pub struct Emission<'a> {
     pub scene: &'a Scene,
     pub sampler: Sampler,
+    pub engine: Engine,
     pub max_depth: u32,
     pub keep: Keep,
 }
@@ -140,14 +114,18 @@ impl Emission<'_> {
         for first in (0..jobs).step_by(ROUND as usize) {
             let job = |number: usize| {
                 let start = (first + number as u32) * JOB;
-                let mut emitted = (Vec::new(), Counts::default(), Rays::default());
+                let (walks, mut job) = (start..walks.min(start + JOB), Job::default());
                 if !observer.should_stop() {
-                    (start..walks.min(start + JOB)).for_each(|walk| self.walk(walk, sequence, moment, &mut emitted));
+                    match self.engine {
+                        Engine::Wavefront => self.walks::<F32x16>(walks, sequence, moment, &mut job),
+                        Engine::Scalar => self.walks::<f32>(walks, sequence, moment, &mut job),
+                    }
                 }
-                emitted
+                job
             };
-            for (photons, counts, rays) in in_order((jobs - first).min(ROUND) as usize, threads, job) {
+            for Job { photons, normals, counts, rays } in in_order((jobs - first).min(ROUND) as usize, threads, job) {
                 all.photons.push(photons);
+                all.normals.push(normals);
                 all.counts.merge(&counts);
                 all.rays.merge(&rays);
             }
@@ -161,63 +139,62 @@ impl Emission<'_> {
         Some(all)
     }
 
-    fn walk(
-        &self,
-        number: u32,
-        sequence: u32,
-        moment: Option<f32>,
-        (photons, counts, rays): &mut (Vec<Photon>, Counts, Rays),
-    ) {
+    fn walks<F: Trace>(&self, numbers: std::ops::Range<u32>, sequence: u32, moment: Option<f32>, job: &mut Job) {
+        let lane = (0..F::LANES).fold(F::Index::splat(0), |v, i| v.with_lane(i, i as u32));
+        for first in numbers.clone().step_by(F::LANES) {
+            let number = F::Index::splat(first) + lane;
+            self.walk::<F>(number, number.lt(F::Index::splat(numbers.end)), sequence, moment, job);
+        }
+    }
+
+    fn walk<F: Trace>(&self, number: F::Index, mask: F::Mask, sequence: u32, moment: Option<f32>, job: &mut Job) {
         let (scene, camera) = (self.scene, self.scene.camera());
-        let dimensions = |bounce| light_dimensions(&self.sampler, number, sequence, bounce);
-        counts.emitted += 1;
-        let before = photons.len();
+        let dimensions = |bounce| light_dimensions::<F>(&self.sampler, number, F::Index::splat(sequence), bounce);
         let u = dimensions(0);
-        if let Some((emitter, probability)) = scene.light_sampler().source(u.value(SOURCE)) {
-            let moment = moment.unwrap_or_else(|| if camera.has_shutter() { u.value(MOMENT) } else { 0.0 });
-            let emission = scene.emitters().emit(emitter, u.pair(POSITION), u.pair(DIRECTION));
-            let mut path = SubPath::from_light(scene, None, emitter, probability, &emission, camera.time(moment));
-            let mut mirrored = true;
-            while emission.weight.is_lit() && path.segments <= self.max_depth {
-                rays.add(path.segments, 1);
-                let hit = scene.intersect(&path.ray, true, false);
-                if !is_hit(&hit) {
-                    counts.lost += 1;
+        let drawn = || if camera.has_shutter() { u.value(MOMENT) } else { F::zero() };
+        let time = camera.time(moment.map_or_else(drawn, F::splat));
+        let mut kept_any = F::Mask::splat(false);
+        if let Some(source) = Source::draw(scene, &u, time, mask) {
+            let mut path = SubPath::from_light(scene, None, &source, time);
+            let (mut alive, mut mirrored) = (mask & source.emission.weight.is_lit(), mask);
+            while alive.any() && path.segments <= self.max_depth {
+                job.rays.add(path.segments, alive.count());
+                let hit = scene.intersect(&path.ray, alive, false);
+                let found = alive & is_hit(&hit);
+                job.counts.lost += u64::from(alive.and_not(found).count());
+                if found.none() {
                     break;
                 }
                 let u = dimensions(path.segments);
-                let mut vertex = path.arrive(&hit, &u);
-                if !vertex.bsdf.is_specular() {
-                    let kept = match self.keep {
-                        Keep::All => true,
-                        Keep::Indirect => path.segments > 1,
-                        Keep::Caustic => path.segments > 1 && mirrored,
-                    };
-                    if kept {
-                        photons.push(photon(&vertex, path.segments));
-                    }
-                    mirrored = false;
-                    if self.keep == Keep::Caustic {
+                let mut vertex = path.arrive(&hit, &u, found);
+                let lands = found.and_not(vertex.bsdf.is_specular());
+                let kept = match self.keep {
+                    Keep::All => lands,
+                    _ if path.segments == 1 => F::Mask::splat(false),
+                    Keep::Indirect => lands,
+                    Keep::Caustic => lands & mirrored,
+                };
+                if kept.any() {
+                    let normal = vertex.surface.ng.facing(vertex.surface.wo);
+                    Particle::keep(&vertex, path.segments, kept, |lane, particle| {
+                        job.photons.push(particle);
+                        let [x, y, z] = normal.lane(lane);
+                        job.normals.push(Vec3 { x, y, z });
+                    });
+                    job.counts.stored += u64::from(kept.count());
+                    kept_any = kept_any | kept;
+                }
+                mirrored = mirrored.and_not(lands);
+                if self.keep == Keep::Caustic {
+                    vertex.mask = found.and_not(lands);
+                    if vertex.mask.none() {
                         break;
                     }
                 }
-                if !path.scatter(&mut vertex, &u, &ENDING) {
-                    break;
-                }
+                alive = path.scatter(&mut vertex, &u, &ENDING);
             }
         }
-        counts.stored += (photons.len() - before) as u64;
-        counts.wasted += u64::from(photons.len() == before);
-    }
-}
-
-fn photon(vertex: &Vertex<'_>, segments: u32) -> Photon {
-    let surface = &vertex.surface;
-    Photon {
-        p: surface.p.array(),
-        segments,
-        w: surface.wo,
-        normal: surface.ng.facing(surface.wo),
-        power: vertex.throughput.lane(0),
+        job.counts.emitted += u64::from(mask.count());
+        job.counts.wasted += u64::from(mask.and_not(kept_any).count());
     }
 }

@@ -1,10 +1,10 @@
 //! Stored photons, and the light that they reflect to the eye.
 
-use super::emission::{Counts, Emitted, Photon};
+use super::emission::{Counts, Emitted};
 use crate::bsdf::{Model, TransportMode};
-use crate::math::{Rgb, Vec3};
+use crate::math::{Rgb, Vec3, vec3};
 use crate::render::{Rays, in_order};
-use crate::transport::{Kernel, NOTHING, Nearest, PointTree, Vertex};
+use crate::transport::{Kernel, NOTHING, Near, Nearest, Particle, PointTree, Vertex};
 use std::f32::consts::PI;
 
 /// How densities are estimated.
@@ -26,12 +26,15 @@ pub struct Found {
     pub squared_radius: f32,
 }
 
+/// A photon, and the normal of its side of the surface.
+pub type Stored = (Particle, Vec3<f32>);
+
 /// Photons in a tree.
 #[derive(Default)]
 pub struct PhotonMap {
     tree: PointTree,
     /// At the tree's places.
-    photons: Vec<Photon>,
+    photons: Vec<Stored>,
     /// 1/N.
     scale: f32,
     pub counts: Counts,
@@ -56,29 +59,34 @@ const JOB: usize = 1024;
 
 impl PhotonMap {
     pub fn new(emitted: Emitted, threads: usize) -> Self {
-        let all: Vec<Photon> = emitted.photons.concat();
+        let all: Vec<Particle> = emitted.photons.concat();
+        let normals: Vec<Vec3<f32>> = emitted.normals.concat();
         let places: Vec<[f32; 3]> = all.iter().map(|p| p.p).collect();
         let tree = PointTree::new(&places, threads);
-        let photons = in_places(&tree, &all);
+        let at = |n: &u32| match *n {
+            NOTHING => (Particle::default(), Vec3::zero()),
+            n => (all[n as usize], normals[n as usize]),
+        };
+        let photons = tree.order().iter().map(at).collect();
         let scale = 1.0 / emitted.counts.emitted.max(1) as f32;
         Self { tree, photons, scale, counts: emitted.counts, rays: emitted.rays, irradiance: None }
     }
 
     /// Computes the irradiance at some of the photons.
     pub fn precompute(mut self, how: &Estimate, threads: usize) -> Self {
-        let some: Vec<Photon> = self.stored().copied().step_by(ONE_IN).collect();
+        let some: Vec<Stored> = self.stored().copied().step_by(ONE_IN).collect();
         let job = |number: usize| {
             let mut near = Nearest::default();
             let part = &some[number * JOB..some.len().min((number + 1) * JOB)];
-            let one = |p: &Photon| {
-                let lit = |photon: &Photon| if photon.w.dot(p.normal) > 0.0 { photon.power } else { [0.0; 3] };
-                let found = self.sum(p.p, how, &mut near, lit);
-                (found.light.lane(0), p.normal, found.squared_radius)
+            let one = |(at, normal): &Stored| {
+                let lit = |photon: &Particle| if facing(photon, *normal) { photon.power } else { [0.0; 3] };
+                let found = self.sum(at.p, how, &mut near, lit);
+                (found.light.lane(0), *normal, found.squared_radius)
             };
             part.iter().map(one).collect::<Vec<_>>()
         };
         let all = in_order(some.len().div_ceil(JOB), threads, job).concat();
-        let tree = PointTree::new(&some.iter().map(|p| p.p).collect::<Vec<_>>(), threads);
+        let tree = PointTree::new(&some.iter().map(|(photon, _)| photon.p).collect::<Vec<_>>(), threads);
         let at = |n: &u32| if *n == NOTHING { ([0.0; 3], Vec3::zero(), 0.0) } else { all[*n as usize] };
         let known = tree.order().iter().map(at).collect();
         self.irradiance = Some(Irradiance { tree, known });
@@ -86,7 +94,7 @@ impl PhotonMap {
     }
 
     /// Every photon that is stored.
-    pub fn stored(&self) -> impl Iterator<Item = &Photon> {
+    pub fn stored(&self) -> impl Iterator<Item = &Stored> {
         self.tree.order().iter().zip(&self.photons).filter(|(n, _)| **n != NOTHING).map(|(_, p)| p)
     }
 
@@ -94,7 +102,6 @@ impl PhotonMap {
     pub fn reflected(&self, vertex: &Vertex<'_>, longest: u32, how: &Estimate, near: &mut Nearest) -> Found {
         let (surface, bsdf) = (&vertex.surface, &vertex.bsdf);
         let p = surface.p.array();
-        let counts = |photon: &Photon| photon.segments <= longest;
         // A diffuse surface reflects all directions alike, if they are above it.
         let n = bsdf.normal();
         if bsdf.model() == Model::Diffuse {
@@ -102,16 +109,18 @@ impl PhotonMap {
             if let Some(found) = self.known_irradiance(p, surface.ng.facing(surface.wo)) {
                 return Found { light: f * found.light, ..found };
             }
-            let flat = (n - surface.ng).max_abs() == 0.0;
-            if flat {
-                let lit = |photon: &Photon| {
-                    if counts(photon) && photon.w.dot(n) > 0.0 { photon.power } else { [0.0; 3] }
-                };
-                let found = self.sum(p, how, near, lit);
+            if (n - surface.ng.facing(n)).max_abs() == 0.0 {
+                let counts = |photon: &Particle| photon.segments <= longest && facing(photon, n);
+                let found = self.sum(p, how, near, |photon| if counts(photon) { photon.power } else { [0.0; 3] });
                 return Found { light: f * found.light, ..found };
             }
         }
-        self.sum(p, how, near, |photon| if counts(photon) { photon.reflected(vertex) } else { [0.0; 3] })
+        self.sum(p, how, near, |photon| {
+            let ([x, y, z], [r, g, b]) = (photon.w, photon.power);
+            let mask = photon.segments <= longest;
+            let near = Near { w: vec3(x, y, z), power: Rgb::new(r, g, b), sums: [0.0; 2], squared: 0.0, mask };
+            near.reflected(vertex).0.lane(0)
+        })
     }
 
     fn known_irradiance(&self, p: [f32; 3], n: Vec3<f32>) -> Option<Found> {
@@ -129,13 +138,7 @@ impl PhotonMap {
     /// over the photons nearer than r: the distance of the k-th, which itself does not count, so that an even density is found
     /// without bias; or the most there is.
     #[inline(always)]
-    fn sum(
-        &self,
-        p: [f32; 3],
-        how: &Estimate,
-        near: &mut Nearest,
-        value: impl Fn(&Photon) -> [f32; 3],
-    ) -> Found {
+    fn sum(&self, p: [f32; 3], how: &Estimate, near: &mut Nearest, value: impl Fn(&Particle) -> [f32; 3]) -> Found {
         let all = self.counts.stored as usize;
         let k = if how.nearest == usize::MAX { usize::MAX } else { how.nearest.min(all) };
         let squared_radius = self.tree.nearest(p, k, how.most, near);
@@ -144,7 +147,7 @@ impl PhotonMap {
             let inverse = 1.0 / squared_radius;
             for (place, d2) in near.iter().filter(|(_, d2)| *d2 < squared_radius) {
                 let weight = how.kernel.value(d2 * inverse);
-                sum.iter_mut().zip(value(&self.photons[place])).for_each(|(sum, x)| *sum += x * weight);
+                sum.iter_mut().zip(value(&self.photons[place].0)).for_each(|(sum, x)| *sum += x * weight);
             }
         }
         let light = Rgb::splat(sum) * (self.scale / (PI * squared_radius));
@@ -152,8 +155,8 @@ impl PhotonMap {
     }
 }
 
-/// Photons at the places of a tree.
-fn in_places(tree: &PointTree, photons: &[Photon]) -> Vec<Photon> {
-    let at = |n: &u32| if *n == NOTHING { Photon::default() } else { photons[*n as usize] };
-    tree.order().iter().map(at).collect()
+/// Whether a photon came from the side of this normal.
+#[inline(always)]
+fn facing(photon: &Particle, n: Vec3<f32>) -> bool {
+    photon.w[0] * n.x + photon.w[1] * n.y + photon.w[2] * n.z > 0.0
 }

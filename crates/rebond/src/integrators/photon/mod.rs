@@ -27,16 +27,17 @@ use crate::emitter::LightSampling;
 use crate::film::{Batch, Film};
 use crate::math::{Rgb, offset_from_surface, vec3};
 use crate::render::{
-    Dimensions, Integrator, Observer, Pass, PathState, Rays, Region, Sample, ShadowRay, TILE, Tiles, in_order,
+    Dimensions, Engine, Integrator, Observer, Pass, PathState, Rays, Region, Sample, ShadowRay, TILE, Tiles, in_order,
 };
 use crate::sampling::Sampler;
 use crate::scene::{Scene, is_hit};
 use crate::transport::sub_path::{Ending, PER_BOUNCE};
 use crate::transport::{Kernel, Nearest, Roulette, SubPath, Vertex, power_heuristic};
-use emission::{Emission, Keep, Photon};
-use map::{Estimate, PhotonMap};
-use rebond_bvh::Ray;
+use emission::{Emission, Keep};
+use map::{Estimate, PhotonMap, Stored};
+use rebond_bvh::{Ray, Trace};
 use rebond_lanes::scalar::Index1;
+use rebond_lanes::{Index, Mask, Real};
 use serde::{Deserialize, Serialize};
 use std::num::NonZeroU32;
 use std::sync::{Mutex, OnceLock};
@@ -91,7 +92,10 @@ impl Default for PhotonSettings {
 pub(super) const SETTINGS: &[(&str, &str)] = &[
     ("photons", "photons that leave the lights, in each iteration if progressive; 500000"),
     ("nearest", "photons in an estimate, 0: all within radius; 500"),
-    ("radius", "the most that the radius of an estimate may be; progressive: the first radius, 0.3 % of half the scene's diagonal"),
+    (
+        "radius",
+        "the most that the radius of an estimate may be; progressive: the first radius, 0.3 % of half the scene's diagonal",
+    ),
     ("kernel", "how photons count by distance: constant, cone or epanechnikov; constant"),
     ("gather", "directions of the final gather, 0: the map is seen directly; 0"),
     ("caustic_photons", "photons that leave the lights for the gather's map of caustics, 0: none; 200000"),
@@ -126,9 +130,9 @@ impl PhotonSettings {
         &self,
         scene: &'a Scene,
         sampler: Sampler,
+        engine: Engine,
     ) -> Result<Box<dyn Integrator + 'a>, IntegratorError> {
         let error = |message: String, help: &str| Err(IntegratorError { message, help: help.into() });
-        super::check_light_walks(scene)?;
         super::check_radius(self.radius, self.alpha)?;
         if self.progressive {
             let given = [
@@ -141,7 +145,7 @@ impl PhotonSettings {
                 let message = format!("{name} is a matter of one map, and progressive=true has one for every sample");
                 return error(message, &format!("leave out {name}, or progressive"));
             }
-            return Ok(Box::new(progressive::Progressive::new(self, scene, sampler)));
+            return Ok(Box::new(progressive::Progressive::new(self, scene, sampler, engine)));
         }
         if self.nearest == 0 && self.radius.is_none() {
             let message = "without a number of nearest photons an estimate has no end".to_owned();
@@ -158,6 +162,7 @@ impl PhotonSettings {
         Ok(Box::new(PhotonMapping {
             scene,
             sampler,
+            engine,
             settings: self.clone(),
             max_depth: self.max_depth.map_or(u32::MAX, NonZeroU32::get),
             estimate: Estimate {
@@ -187,6 +192,8 @@ struct Maps {
 struct PhotonMapping<'a> {
     scene: &'a Scene,
     sampler: Sampler,
+    /// Of the photons; the eye's walks go one by one.
+    engine: Engine,
     settings: PhotonSettings,
     max_depth: u32,
     estimate: Estimate,
@@ -203,7 +210,8 @@ struct Work {
 impl<'a> PhotonMapping<'a> {
     /// Fills the maps; `None` if it was told to stop.
     fn fill(&self, threads: usize, observer: &dyn Observer) -> Option<Maps> {
-        let emission = |keep| Emission { scene: self.scene, sampler: self.sampler, max_depth: self.max_depth, keep };
+        let (scene, sampler, engine, max_depth) = (self.scene, self.sampler, self.engine, self.max_depth);
+        let emission = |keep| Emission { scene, sampler, engine, max_depth, keep };
         let photons = self.settings.photons.get();
         let all = PhotonMap::new(emission(Keep::All).emit(photons, 0, None, threads, observer)?, threads);
         let all = if self.settings.precompute { all.precompute(&self.estimate, threads) } else { all };
@@ -221,8 +229,13 @@ impl<'a> PhotonMapping<'a> {
     fn radiance(&self, maps: &Maps, s: &Sample, work: &mut Work) -> Rgb<f32> {
         let [x, y, pixel, index] = [s.x, s.y, s.pixel, s.index].map(Index1);
         let eye = PathState::start(self.scene, &work.sampler, x, y, pixel, index, Index1(0));
-        let (light, seen) = look(self.scene, &eye, self.max_depth, &mut work.rays);
-        let Some((path, vertex)) = seen else { return light };
+        let (mut landed, mut rays) = (None, std::mem::take(&mut work.rays));
+        let light = look(self.scene, &eye, true, self.max_depth, &mut rays, |path, vertex, _| {
+            landed = Some((*path, *vertex));
+            Rgb::black()
+        });
+        work.rays = rays;
+        let Some((path, vertex)) = landed else { return light };
         if self.settings.gather > 0 {
             return light + self.gather(maps, &path, &vertex, s, work);
         }
@@ -248,7 +261,7 @@ impl<'a> PhotonMapping<'a> {
             let (mut path, mut vertex, mut first) = (*start, *at, true);
             loop {
                 let u = Dimensions::new(stream, Index1(path.segments - 1), PER_BOUNCE);
-                sum += ask_light(self.scene, &path, &vertex, &u, true, &mut work.rays);
+                sum += ask_light(self.scene, &path, &vertex, &u, true, true, &mut work.rays);
                 if !first {
                     sum += self.caustics(maps, &path, &vertex, work);
                 }
@@ -258,8 +271,7 @@ impl<'a> PhotonMapping<'a> {
                 let (light, next) = self.follow(maps, &mut path, &vertex, stream, &mut work.rays);
                 sum += light;
                 let Some((there, distance)) = next else { break };
-                let found =
-                    maps.all.reflected(&there, self.max_depth - path.segments, &self.estimate, &mut work.near);
+                let found = maps.all.reflected(&there, self.max_depth - path.segments, &self.estimate, &mut work.near);
                 if distance * distance >= found.squared_radius {
                     sum += there.throughput * found.light;
                     break;
@@ -285,10 +297,11 @@ impl<'a> PhotonMapping<'a> {
             let u = Dimensions::new(stream, Index1(path.segments - 1), PER_BOUNCE);
             rays.add(path.segments, 1);
             let hit = self.scene.intersect(&path.ray, true, false);
-            let there = is_hit(&hit).then(|| path.arrive(&hit, &u));
+            let found = is_hit(&hit);
+            let there = found.then(|| path.arrive(&hit, &u, true));
             // Caustics that have a map are not found here.
             if direct {
-                light += found_light(self.scene, path, from, there.as_ref());
+                light += found_light(self.scene, path, from, there.as_ref(), true);
             } else if maps.caustics.is_none() {
                 light += path.throughput() * emitted(self.scene, path, there.as_ref());
             }
@@ -310,27 +323,27 @@ impl<'a> PhotonMapping<'a> {
     /// The photons that the eye sees, in units of their mean power, pixel by pixel of a region.
     fn picture(&self, maps: &Maps, region: &Region, threads: usize) -> Vec<[f32; 3]> {
         const JOB: usize = 4096;
-        let photons: Vec<&Photon> = maps.all.stored().chain(maps.caustics.iter().flat_map(PhotonMap::stored)).collect();
-        let sum: f64 = photons.iter().map(|p| f64::from(crate::math::luminance(p.power))).sum();
+        let photons: Vec<&Stored> = maps.all.stored().chain(maps.caustics.iter().flat_map(PhotonMap::stored)).collect();
+        let sum: f64 = photons.iter().map(|(p, _)| f64::from(crate::math::luminance(p.power))).sum();
         let scale = (photons.len() as f64 / sum) as f32;
         let camera = self.scene.camera();
-        let see = |photon: &Photon| {
+        let see = |(photon, normal): &Stored| {
             let p = vec3(photon.p[0], photon.p[1], photon.p[2]);
             let sight = camera.see(p, [0.5; 2], camera.time(0.0));
             let at = [sight.raster[0] - region.x as f32, sight.raster[1] - region.y as f32];
             let inside = at[0] >= 0.0 && at[1] >= 0.0 && at[0] < region.width as f32 && at[1] < region.height as f32;
-            if !(inside && sight.importance > 0.0 && sight.w.dot(photon.normal) > 0.0) {
+            if !(inside && sight.importance > 0.0 && sight.w.dot(*normal) > 0.0) {
                 return None;
             }
             let error = p.max_abs() * crate::emitter::POINT_ERROR * 2.0;
-            let o = offset_from_surface(p, error, photon.normal, sight.w);
-            let ray = Ray { o: o.array(), d: (sight.lens - o).array(), tmax: 1.0, time: camera.time(0.0) };
+            let o = offset_from_surface(p, error, *normal, sight.w);
+            let ray = Ray { o: o.array(), d: (sight.end - o).array(), tmax: 1.0, time: camera.time(0.0) };
             let free = !self.scene.occluded(&ray, true);
             free.then(|| (at[1] as usize * region.width as usize + at[0] as usize, photon.power))
         };
         let job = |n: usize| {
             let part = &photons[n * JOB..photons.len().min((n + 1) * JOB)];
-            part.iter().filter_map(|p| see(p)).collect::<Vec<_>>()
+            part.iter().copied().filter_map(see).collect::<Vec<_>>()
         };
         let mut picture = vec![[0.0; 3]; region.pixels() as usize];
         for (pixel, power) in in_order(photons.len().div_ceil(JOB), threads, job).into_iter().flatten() {
@@ -340,76 +353,109 @@ impl<'a> PhotonMapping<'a> {
     }
 }
 
-/// Follows the eye through mirrors and glass: what it meets that shines, and the first vertex that neither is.
-fn look<'a>(
+/// Follows the eye through mirrors and glass: what it meets that shines, and what `land` says of the vertices that are neither, for
+/// the lanes whose first they are.
+#[inline(always)]
+fn look<'a, F: Trace>(
     scene: &'a Scene,
-    eye: &PathState<f32>,
+    eye: &PathState<F>,
+    mask: F::Mask,
     max_depth: u32,
     rays: &mut Rays,
-) -> (Rgb<f32>, Option<(SubPath<'a>, Vertex<'a>)>) {
+    mut land: impl FnMut(&SubPath<'a, F>, &Vertex<'a, F>, &mut Rays) -> Rgb<F>,
+) -> Rgb<F> {
     let mut path = SubPath::from_eye(scene, None, eye, 1.0);
-    let mut light = Rgb::black();
-    loop {
-        let u = Dimensions::new(eye.stream(), Index1(path.segments - 1), PER_BOUNCE);
-        rays.add(path.segments, 1);
-        let hit = scene.intersect(&path.ray, true, true);
-        let there = is_hit(&hit).then(|| path.arrive(&hit, &u));
-        light += path.throughput() * emitted(scene, &path, there.as_ref());
-        let Some(mut vertex) = there.filter(|_| path.segments < max_depth) else { return (light, None) };
-        if !vertex.bsdf.is_specular() {
-            return (light, Some((path, vertex)));
+    let (mut light, mut alive) = (Rgb::black(), mask);
+    while alive.any() {
+        let u = Dimensions::new(eye.stream(), F::Index::splat(path.segments - 1), PER_BOUNCE);
+        rays.add(path.segments, alive.count());
+        let hit = scene.intersect(&path.ray, alive, path.segments == 1);
+        let found = alive & is_hit(&hit);
+        let escaped = alive.and_not(found);
+        if escaped.any() {
+            light += (path.throughput() * emitted(scene, &path, None)).masked(escaped);
         }
-        if !path.scatter(&mut vertex, &u, &ENDING) {
-            return (light, None);
+        if found.none() {
+            break;
         }
+        let mut vertex = path.arrive(&hit, &u, found);
+        light += (path.throughput() * emitted(scene, &path, Some(&vertex))).masked(found);
+        if path.segments >= max_depth {
+            break;
+        }
+        let specular = found & vertex.bsdf.is_specular();
+        vertex.mask = found.and_not(specular);
+        if vertex.mask.any() {
+            light += land(&path, &vertex, rays).masked(vertex.mask);
+        }
+        vertex.mask = specular;
+        if specular.none() {
+            break;
+        }
+        alive = path.scatter(&mut vertex, &u, &ENDING);
     }
+    light
 }
 
-/// Le of what a ray met: a surface, or the surroundings.
-fn emitted(scene: &Scene, path: &SubPath<'_>, there: Option<&Vertex<'_>>) -> Rgb<f32> {
-    there.map_or_else(|| scene.sky(path.direction()), |vertex| scene.emitted(&vertex.surface, true))
+/// Le of what rays met: surfaces, or the surroundings. Lanes that met none have any number.
+fn emitted<F: Real>(scene: &Scene, path: &SubPath<'_, F>, there: Option<&Vertex<'_, F>>) -> Rgb<F> {
+    there.map_or_else(|| scene.sky(path.direction()), |vertex| scene.emitted(&vertex.surface, vertex.mask))
 }
 
-/// Le of what a ray met that left a vertex, weighed against light that was asked for there, and what it counts.
-fn found_light(scene: &Scene, path: &SubPath<'_>, from: &Vertex<'_>, there: Option<&Vertex<'_>>) -> Rgb<f32> {
-    let pdf = || from.bsdf.eval(from.surface.wo, path.direction(), TransportMode::Radiance, true).pdf.0;
-    let (p, n) = (from.surface.p, from.bsdf.normal());
-    let Some(there) = there else {
-        let weighed = |(radiance, drawn): (Rgb<f32>, f32)| radiance * power_heuristic(pdf(), drawn);
-        let all = scene.surroundings(p, n, path.direction()).map(weighed);
-        return path.throughput() * all.fold(Rgb::black(), |sum, light| sum + light);
-    };
-    let radiance = scene.emitted(&there.surface, true);
-    if !radiance.is_lit() {
-        return Rgb::black();
-    }
-    let drawn = scene.light_pdf(p, n, &there.surface, LightSampling::Area, true);
-    path.throughput() * radiance * power_heuristic(pdf(), drawn)
-}
-
-/// Direct light at a vertex by a point of a light: weighed against directions of the BSDF, or all there is.
-fn ask_light(
+/// Le of what rays met that left vertices, weighed against light that was asked for there, and what it counts.
+fn found_light<F: Real>(
     scene: &Scene,
-    path: &SubPath<'_>,
-    vertex: &Vertex<'_>,
-    u: &Dimensions<f32>,
-    weighed: bool,
+    path: &SubPath<'_, F>,
+    from: &Vertex<'_, F>,
+    there: Option<&Vertex<'_, F>>,
+    mask: F::Mask,
+) -> Rgb<F> {
+    let pdf = from.eval(path.direction(), TransportMode::Radiance, mask).pdf.0;
+    let (p, n) = (from.surface.p, from.bsdf.receiving_normal());
+    let light = match there {
+        None => {
+            let all = scene.surroundings(p, n, path.direction());
+            all.fold(Rgb::black(), |sum, (radiance, drawn)| sum + radiance * power_heuristic(pdf, drawn))
+        }
+        Some(there) => {
+            let radiance = scene.emitted(&there.surface, mask).masked(mask);
+            let lit = mask & radiance.is_lit();
+            if lit.none() {
+                return Rgb::black();
+            }
+            let drawn = scene.light_pdf(p, n, &there.surface, LightSampling::Area, lit);
+            (radiance * power_heuristic(pdf, drawn)).masked(lit)
+        }
+    };
+    (path.throughput() * light).masked(mask)
+}
+
+/// Direct light at vertices by a point of a light: weighed against directions of the BSDF in the lanes of `weighed`, else all there
+/// is.
+fn ask_light<F: Trace>(
+    scene: &Scene,
+    path: &SubPath<'_, F>,
+    vertex: &Vertex<'_, F>,
+    u: &Dimensions<F>,
+    weighed: F::Mask,
+    mask: F::Mask,
     rays: &mut Rays,
-) -> Rgb<f32> {
+) -> Rgb<F> {
     let (surface, bsdf, time) = (&vertex.surface, &vertex.bsdf, path.ray.time);
-    let (choice, point) = (|| u.value(LIGHT_CHOICE), u.pair(LIGHT_POINT));
-    let Some(light) = scene.sample_light(surface.p, bsdf.normal(), time, LightSampling::Area, choice, point, true)
-    else {
+    let (choice, point, n) = (|| u.value(LIGHT_CHOICE), u.pair(LIGHT_POINT), bsdf.receiving_normal());
+    let Some(light) = scene.sample_light(surface.p, n, time, LightSampling::Area, choice, point, mask) else {
         return Rgb::black();
     };
-    let value = bsdf.eval(surface.wo, light.wi, TransportMode::Radiance, true);
-    let weight = if weighed && light.pdf.0 > 0.0 { power_heuristic(light.pdf.0, value.pdf.0) } else { 1.0 };
+    let value = vertex.eval(light.wi, TransportMode::Radiance, mask);
+    let by_both = weighed & light.pdf.0.gt(F::zero());
+    let weight = F::select(by_both, power_heuristic(light.pdf.0, value.pdf.0), F::one());
     let contribution = vertex.throughput * value.f * light.weight * (bsdf.normal().dot(light.wi).abs() * weight);
-    let Some(shadow) = ShadowRay::new(surface, &light, time, contribution, Index1(Event::Diffuse as u32), true) else {
+    let event = F::Index::splat(Event::Diffuse as u32);
+    let Some(shadow) = ShadowRay::new(surface, &light, time, contribution, event, mask) else {
         return Rgb::black();
     };
-    rays.shadow += 1;
-    contribution.masked(!scene.occluded(&shadow.ray, true))
+    rays.shadow += u64::from(shadow.mask.count());
+    contribution.masked(shadow.mask.and_not(scene.occluded(&shadow.ray, shadow.mask)))
 }
 
 impl Integrator for PhotonMapping<'_> {

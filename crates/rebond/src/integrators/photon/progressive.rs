@@ -9,17 +9,19 @@
 //! and ranges of samples merge as those of every other integrator. Direct light is sampled, photons bring the rest. All that
 //! happens in an iteration happens at one moment of the shutter.
 
-use super::emission::{Counts, Emission, Keep, Photon};
-use super::{PhotonSettings, ask_light, found_light, look};
+use super::emission::{Counts, Emission, Keep};
+use super::{ENDING, PhotonSettings, ask_light, found_light, look};
 use crate::bsdf::Event;
 use crate::film::{Batch, Film};
 use crate::math::Rgb;
-use crate::render::{Dimensions, Integrator, Observer, Pass, PathState, Rays, Sample, TILE, Tiles};
+use crate::render::{Dimensions, Engine, Integrator, Observer, Pass, PathState, Rays, Samples, TILE, Tiles};
 use crate::sampling::Sampler;
 use crate::scene::{Scene, is_hit};
-use crate::transport::sub_path::{Ending, MOMENT, PER_BOUNCE, light_dimensions};
-use crate::transport::{Kernel, PointGrid, Roulette, first_radius, shrunk};
+use crate::transport::sub_path::{MOMENT, PER_BOUNCE, light_dimensions};
+use crate::transport::{Kernel, Neighbours, Particle, PointGrid, first_radius, shrunk};
+use rebond_bvh::Trace;
 use rebond_lanes::scalar::Index1;
+use rebond_lanes::{F32x16, Index, Mask};
 use std::f32::consts::PI;
 use std::num::NonZeroU32;
 use std::sync::Mutex;
@@ -28,6 +30,7 @@ use std::sync::Mutex;
 pub struct Progressive<'a> {
     scene: &'a Scene,
     sampler: Sampler,
+    engine: Engine,
     photons: u32,
     first_radius: f32,
     alpha: f32,
@@ -38,21 +41,26 @@ pub struct Progressive<'a> {
 
 /// What the samples of one iteration share.
 struct Iteration<'a> {
-    grid: &'a PointGrid<Photon>,
+    grid: &'a PointGrid<Particle>,
     moment: f32,
     radius: f32,
     /// 1/N.
     scale: f32,
 }
 
-/// A walk of the eye goes on once more, if at all.
-const ALWAYS: Ending = Ending { roulette: Roulette::None, survival: 1.0, rr_depth: u32::MAX };
+/// What a worker keeps from sample to sample.
+struct Work {
+    sampler: Sampler,
+    neighbours: Neighbours,
+    rays: Rays,
+}
 
 impl<'a> Progressive<'a> {
-    pub fn new(settings: &PhotonSettings, scene: &'a Scene, sampler: Sampler) -> Self {
+    pub fn new(settings: &PhotonSettings, scene: &'a Scene, sampler: Sampler, engine: Engine) -> Self {
         Self {
             scene,
             sampler,
+            engine,
             photons: settings.photons.get(),
             first_radius: settings.radius.unwrap_or_else(|| first_radius(scene)),
             alpha: settings.alpha,
@@ -62,38 +70,65 @@ impl<'a> Progressive<'a> {
         }
     }
 
-    /// L along a ray of the eye, times what it counts.
-    fn radiance(&self, now: &Iteration, s: &Sample, sampler: &Sampler, rays: &mut Rays) -> Rgb<f32> {
-        let [x, y, pixel, index] = [s.x, s.y, s.pixel, s.index].map(Index1);
-        let eye = PathState::start_at(self.scene, sampler, [x, y], pixel, index, Index1(0), Some(now.moment));
-        let (mut light, seen) = look(self.scene, &eye, self.max_depth, rays);
-        let Some((mut path, mut vertex)) = seen else { return light };
-        let longest = self.max_depth - path.segments;
+    /// L along rays of the eye, times what it counts.
+    fn radiance<F: Trace>(&self, now: &Iteration<'_>, samples: &Samples<F>, work: &mut Work) -> Rgb<F> {
+        let Samples { x, y, pixel, index, slot, mask } = *samples;
+        let scene = self.scene;
+        let moment = Some(F::splat(now.moment));
+        let eye = PathState::start_at(scene, &work.sampler, [x, y], pixel, index, slot, moment);
+        let neighbours = &mut work.neighbours;
+        look(scene, &eye, mask, self.max_depth, &mut work.rays, |path, vertex, rays| {
+            // Direct light: on glossy surfaces by directions as well.
+            let lands = vertex.mask;
+            let u = Dimensions::new(eye.stream(), F::Index::splat(path.segments - 1), PER_BOUNCE);
+            let (wo, n) = (vertex.surface.wo, vertex.bsdf.normal());
+            let glossy = lands & vertex.bsdf.event(wo, n).ne(F::Index::splat(Event::Diffuse as u32));
+            let mut light = ask_light(scene, path, vertex, &u, glossy, lands, rays);
 
-        // Direct light: on glossy surfaces by directions as well.
-        let u = Dimensions::new(eye.stream(), Index1(path.segments - 1), PER_BOUNCE);
-        let (wo, n) = (vertex.surface.wo, vertex.bsdf.normal());
-        let glossy = vertex.bsdf.event(wo, n).0 != Event::Diffuse as u32;
-        light += ask_light(self.scene, &path, &vertex, &u, glossy, rays);
+            // What photons bring.
+            let (mut sum, inverse) = (Rgb::black(), 1.0 / (now.radius * now.radius));
+            neighbours.each(now.grid, vertex.surface.p, self.max_depth - path.segments, lands, |near| {
+                let (light, _) = near.reflected(vertex);
+                sum += light * self.kernel.value(near.squared * inverse);
+            });
+            light += vertex.throughput * sum * F::splat(inverse * now.scale / PI);
 
-        // What photons bring.
-        let (mut sum, inverse) = ([0.0; 3], 1.0 / (now.radius * now.radius));
-        now.grid.within(vertex.surface.p.array(), |photon, d2| {
-            if photon.segments <= longest {
-                let weight = self.kernel.value(d2 * inverse);
-                sum.iter_mut().zip(photon.reflected(&vertex)).for_each(|(sum, x)| *sum += x * weight);
+            if glossy.any() {
+                let (mut path, mut vertex) = (*path, *vertex);
+                vertex.mask = glossy;
+                let alive = path.scatter(&mut vertex, &u, &ENDING);
+                if alive.any() {
+                    rays.add(path.segments, alive.count());
+                    let hit = scene.intersect(&path.ray, alive, false);
+                    let u = Dimensions::new(eye.stream(), F::Index::splat(path.segments - 1), PER_BOUNCE);
+                    let found = alive & is_hit(&hit);
+                    if found.any() {
+                        let there = path.arrive(&hit, &u, found);
+                        light += found_light(scene, &path, &vertex, Some(&there), found);
+                    }
+                    let escaped = alive.and_not(found);
+                    if escaped.any() {
+                        light += found_light(scene, &path, &vertex, None, escaped);
+                    }
+                }
             }
-        });
-        light += vertex.throughput * Rgb::splat(sum) * (inverse * now.scale / PI);
+            light
+        })
+    }
 
-        if glossy && path.scatter(&mut vertex, &u, &ALWAYS) {
-            rays.add(path.segments, 1);
-            let hit = self.scene.intersect(&path.ray, true, false);
-            let u = Dimensions::new(eye.stream(), Index1(path.segments - 1), PER_BOUNCE);
-            let there = is_hit(&hit).then(|| path.arrive(&hit, &u));
-            light += found_light(self.scene, &path, &vertex, there.as_ref());
+    fn run<F: Trace>(&self, now: &Iteration<'_>, tiles: &Tiles<'_>) {
+        let sampler = tiles.sampler(&self.sampler);
+        let mut work = Work { sampler, neighbours: Neighbours::default(), rays: Rays::default() };
+        while let Some(tile) = tiles.next() {
+            let mut pixels = [Batch::default(); TILE];
+            for samples in tiles.lanes_of::<F>(&tile) {
+                let light = self.radiance(now, &samples, &mut work);
+                for lane in 0..samples.mask.count() as usize {
+                    pixels[samples.slot.lane(lane) as usize].add(light.lane(lane), tile.weight);
+                }
+            }
+            tiles.done(&tile, &[pixels], &mut work.rays);
         }
-        light
     }
 }
 
@@ -103,35 +138,23 @@ impl Integrator for Progressive<'_> {
         for iteration in pass.samples.clone() {
             let camera = self.scene.camera();
             // No walk has this number.
-            let u = light_dimensions(&self.sampler, u32::MAX, iteration, 0);
+            let u = light_dimensions::<f32>(&self.sampler, Index1(u32::MAX), Index1(iteration), 0);
             let moment = if camera.has_shutter() { u.value(MOMENT) } else { 0.0 };
-            let emission = Emission {
-                scene: self.scene,
-                sampler: self.sampler,
-                max_depth: self.max_depth,
-                keep: Keep::Indirect,
-            };
+            let (scene, sampler, engine, max_depth) = (self.scene, self.sampler, self.engine, self.max_depth);
+            let emission = Emission { scene, sampler, engine, max_depth, keep: Keep::Indirect };
             let Some(emitted) = emission.emit(self.photons, iteration, Some(moment), pass.threads, observer) else {
                 break;
             };
             all.merge(&emitted.rays);
             self.counts.lock().unwrap_or_else(|e| e.into_inner()).merge(&emitted.counts);
             let radius = shrunk(self.first_radius, self.alpha, iteration);
-            let parts: Vec<&[Photon]> = emitted.photons.iter().map(|p| &p[..]).collect();
+            let parts: Vec<&[Particle]> = emitted.photons.iter().map(|p| &p[..]).collect();
             grid.fill(&parts, radius, pass.threads);
             let now = Iteration { grid: &grid, moment, radius, scale: 1.0 / emitted.counts.emitted.max(1) as f32 };
-
             let one = Pass { samples: iteration..iteration + 1, ..pass.clone() };
-            all.merge(&Tiles::new(film, &one, observer).run(|tiles| {
-                let (sampler, mut rays) = (tiles.sampler(&self.sampler), Rays::default());
-                while let Some(tile) = tiles.next() {
-                    let mut pixels = [Batch::default(); TILE];
-                    for s in tiles.samples_from(&tile, 0) {
-                        let light = self.radiance(&now, &s, &sampler, &mut rays);
-                        pixels[s.slot as usize].add(light.lane(0), tile.weight);
-                    }
-                    tiles.done(&tile, &[pixels], &mut rays);
-                }
+            all.merge(&Tiles::new(film, &one, observer).run(|tiles| match self.engine {
+                Engine::Wavefront => self.run::<F32x16>(&now, tiles),
+                Engine::Scalar => self.run::<f32>(&now, tiles),
             }));
         }
         all
