@@ -4,8 +4,8 @@
 
 speed    on cornell-spheres: walks and stored photons per second, estimates per second for the 50 and the 500 nearest of 500 000
          emitted photons, seconds per progressive iteration of 262 144 photons, samples per second of vcm and bidirectional.
-error    relMSE of photon mapping against a path-traced reference as photons grow, written to error.svg; and of the direct view
-         and the final gather at equal time.
+error    relMSE on cornell-box against a path-traced reference as photons grow, written to error.svg; and of the direct view and
+         the final gather at equal time. Without the worst 5 % of pixels: the lamp's edge is noisy whatever lights the rest.
 caustic  relMSE x time on caustic-mirror of path, bidirectional and vcm, against a mean of vcm renders of other seeds.
 figures  the pictures of docs/images.
 
@@ -31,6 +31,7 @@ sys.path.insert(0, str(HERE.parent))
 from machine import commit, machine  # noqa: E402
 
 TRIMMED = 0.001
+TRIMMED_LAMP = 0.05
 
 
 def read_pfm(path):
@@ -80,14 +81,14 @@ def speed(args):
 
 
 def error(args):
-    size, scene = "96x96", "cornell-spheres"
+    size, scene = "96x96", "cornell-box"
     reference, _ = render(args, scene, "path", size, "--spp", "4096", seed=99)
     rows = []
     for photons, nearest in ((2_000, 12), (8_000, 25), (32_000, 50), (128_000, 100), (512_000, 200), (2_048_000, 400)):
         row = {"photons": photons, "nearest": nearest}
         for name, more in (("direct", ""), ("gather", ",gather=16,precompute=true")):
             picture, run = render(args, scene, f"photon:photons={photons},nearest={nearest}{more}", size, "--spp", "16")
-            row[name] = {"relMSE": rel_mse(picture, reference), "seconds": run["render_seconds"]}
+            row[name] = {"relMSE": rel_mse(picture, reference, TRIMMED_LAMP), "seconds": run["render_seconds"]}
         rows.append(row)
         print(row)
     plot(HERE / "error.svg", rows)
@@ -97,7 +98,7 @@ def error(args):
         ("gather", "photon:photons=500000,nearest=200,gather=16,precompute=true"),
     ):
         picture, run = render(args, scene, integrator, size, "--time", f"{args.seconds}s")
-        equal[name] = {"relMSE": rel_mse(picture, reference), "seconds": run["render_seconds"]}
+        equal[name] = {"relMSE": rel_mse(picture, reference, TRIMMED_LAMP), "seconds": run["render_seconds"]}
     print(equal)
     return {"rows": rows, "equal_time": equal}
 
