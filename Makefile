@@ -17,10 +17,10 @@ else
 PORTABLE = generic
 endif
 
-.PHONY: test tools layers test-rust test-portable miri doc lint bench scenes
+.PHONY: test tools layers test-rust test-portable test-pages miri doc lint bench scenes
 .NOTPARALLEL:
 
-test: layers test-rust test-portable doc
+test: layers test-rust test-portable test-pages doc
 
 tools:
 	@command -v $(CARGO) >/dev/null || { echo "make: Rust is missing: https://rustup.rs" >&2; exit 1; }
@@ -39,6 +39,10 @@ test-rust: tools
 test-portable: tools
 	RUSTFLAGS="-C target-cpu=$(PORTABLE)" $(CARGO) test -p rebond-lanes -p rebond-bvh --lib --tests --no-fail-fast \
 		--target-dir $(CARGO_TARGET_DIR)/portable
+
+# The pages in a real browser, and their figures by other programs; skipped where there is no Chromium.
+test-pages: tools
+	CARGO="$(CARGO)" PYTHON="$(PYTHON)" scripts/test_pages.sh
 
 # Whether the kernels' portable code ever does what is undefined: `rustup toolchain install nightly --component miri,rust-src`.
 # By tree borrows, because of the crate under rayon; that one also keeps memory and makes pointers of integers.

@@ -1,9 +1,10 @@
 //! `rebond diff`.
 
 use crate::Failure;
+use crate::judge::t_tests;
 use crate::output::{answer, check, write};
 use clap::Args;
-use rebond::compare::{Estimate, Pair, Welch, welch};
+use rebond::compare::{PIXELS_PER_DEGREE, Pair, Welch};
 use rebond::film::Image;
 use rebond_io::{PngOptions, read_image};
 use serde_json::json;
@@ -12,8 +13,6 @@ use std::path::{Path, PathBuf};
 /// Side of the blocks that the t-test compares, and its level.
 const BLOCK: u32 = 8;
 const LEVEL: f64 = 0.01;
-/// Pixels per degree of visual angle that FLIP assumes: a 0.7 m wide screen of 3840 pixels seen from 0.7 m.
-const PIXELS_PER_DEGREE: f32 = 67.0;
 
 #[derive(Args)]
 pub struct Arguments {
@@ -40,25 +39,6 @@ fn colours(image: &Image, path: &Path) -> Result<Vec<[f32; 3]>, Failure> {
     image.rgb("").ok_or_else(missing)
 }
 
-/// One test per channel, where both images know their variance, and there is any.
-fn t_tests(a: &Image, b: &Image) -> Option<Vec<(&'static str, Welch)>> {
-    let channel = |image: &Image, layer: &str, name: &str| {
-        let found = image.layer(layer)?.channels.iter().find(|c| c.name == name);
-        found.map(|c| c.data.clone())
-    };
-    let estimate = |image: &Image, c: &str| {
-        Some((channel(image, "", c)?, channel(image, "variance", c)?, channel(image, "samples", "Y")?))
-    };
-    let one = |c: &'static str| {
-        let ((m1, v1, n1), (m2, v2, n2)) = (estimate(a, c)?, estimate(b, c)?);
-        let (first, second) =
-            (Estimate { mean: &m1, variance: &v1, samples: &n1 }, Estimate { mean: &m2, variance: &v2, samples: &n2 });
-        let test = welch(first, second, a.width, a.height, BLOCK, LEVEL).ok()?;
-        (test.tested > 0).then_some((c, test))
-    };
-    ["R", "G", "B"].into_iter().map(one).collect()
-}
-
 pub fn run(a: &Arguments) -> Result<(), Failure> {
     if let Some(path) = &a.flip_map {
         check(std::slice::from_ref(path))?;
@@ -73,13 +53,14 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
     let pair = Pair::new(&r, &t, image.width, image.height)
         .map_err(|e| Failure::usage(e.to_string(), "compare finite pictures"))?;
     let flip = pair.flip(PIXELS_PER_DEGREE);
-    let tests = t_tests(&reference, &image);
+    let tests = t_tests(&reference, &image, BLOCK, LEVEL);
     let errors = [
         ("mse", pair.mse()),
         ("rmse", pair.rmse()),
         ("rel_mse", pair.rel_mse(0.0)),
         ("rel_mse_trimmed", pair.rel_mse(0.001)),
         ("flip", flip.mean),
+        ("hdr_flip", pair.hdr_flip(PIXELS_PER_DEGREE).mean),
     ];
     let bias = pair.mean_signed_error();
     if a.json {
@@ -93,7 +74,7 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
         object.insert("welch".into(), json!(tests.as_ref().map(|t| t.iter().map(test).collect::<Vec<_>>())));
         answer(&serde_json::Value::Object(object).to_string())?;
     } else {
-        let names = ["MSE", "RMSE", "relMSE", "relMSE without the worst 0.1 %", "FLIP"];
+        let names = ["MSE", "RMSE", "relMSE", "relMSE without the worst 0.1 %", "FLIP", "HDR-FLIP"];
         let mut rows = names.iter().zip(&errors);
         rows.try_for_each(|(name, (_, value))| answer(&format!("{name:<32} {value:.6e}")))?;
         answer(&format!("{:<32} {:+.6e} {:+.6e} {:+.6e}", "mean signed error (R, G, B)", bias[0], bias[1], bias[2]))?;

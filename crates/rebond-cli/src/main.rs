@@ -3,11 +3,14 @@
 mod bsdf;
 mod capture;
 mod capture_plot;
+mod compare;
 mod diff;
+mod judge;
 mod lecture;
 mod list;
 mod lobe_plot;
 mod output;
+mod page;
 mod plot;
 mod progress;
 mod pyramid;
@@ -32,6 +35,8 @@ struct Arguments {
 enum Command {
     /// Render a scene to image files.
     Render(render::Arguments),
+    /// Run several integrators on a scene, and show on one page how wrong each still is.
+    Compare(compare::Arguments),
     /// Measure how far apart two images are.
     Diff(diff::Arguments),
     /// Check that a material is what it claims to be, and draw its lobe.
@@ -78,6 +83,7 @@ impl Failure {
 fn main() -> ExitCode {
     let outcome = match Arguments::try_parse().map(|a| a.command) {
         Ok(Command::Render(a)) => render::run(&a),
+        Ok(Command::Compare(a)) => compare::run(&a),
         Ok(Command::Diff(a)) => diff::run(&a),
         Ok(Command::Bsdf(a)) => bsdf::run(&a),
         Ok(Command::Capture(a)) => capture::run(&a),

@@ -37,6 +37,16 @@ pub fn check(paths: &[PathBuf]) -> Result<(), Failure> {
     Ok(())
 }
 
+/// The folder to write to, before any work is done.
+pub fn make_folder(folder: &Path) -> Result<(), Failure> {
+    let shown = folder.display();
+    if folder.exists() && !folder.is_dir() {
+        return Err(Failure::usage(format!("the output \"{shown}\" is a file"), "name a folder"));
+    }
+    std::fs::create_dir_all(folder)
+        .map_err(|e| Failure::usage(format!("cannot make the folder \"{shown}\": {e}"), "name another place"))
+}
+
 /// Whether there may be a file of this name.
 pub fn check_place(path: &Path) -> Result<(), Failure> {
     let shown = path.display();
@@ -107,6 +117,12 @@ pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), String> {
         let _ = std::fs::remove_file(&beside);
         e.to_string()
     })
+}
+
+/// Lets [`peak_memory_bytes`] begin anew, where the system can.
+pub fn forget_peak_memory() {
+    // Where it cannot, the peak is that of the whole run.
+    let _ = std::fs::write("/proc/self/clear_refs", "5");
 }
 
 /// The most memory this process has used, where the system tells.

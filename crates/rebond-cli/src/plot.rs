@@ -160,10 +160,13 @@ impl Chart {
                 Mark::Line | Mark::LineAndDots => chart.draw_series(LineSeries::new(points(), line))?,
             };
             let mark = curve.mark;
-            series.label(&curve.name).legend(move |(x, y)| {
-                let dash = if mark == Mark::Dashes { 8 } else { 22 };
-                PathElement::new(vec![(x, y), (x + dash, y)], line)
-            });
+            // A curve without a name stands for itself.
+            if !curve.name.is_empty() {
+                series.label(&curve.name).legend(move |(x, y)| {
+                    let dash = if mark == Mark::Dashes { 8 } else { 22 };
+                    PathElement::new(vec![(x, y), (x + dash, y)], line)
+                });
+            }
             if curve.mark == Mark::LineAndDots {
                 chart.draw_series(points().map(|p| Circle::new(p, 3, color.filled())))?;
             }

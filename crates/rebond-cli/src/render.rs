@@ -15,7 +15,7 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 /// Samples per pixel where no budget is given.
-const DEFAULT_SAMPLES: u32 = 64;
+pub const DEFAULT_SAMPLES: u32 = 64;
 
 #[derive(Args)]
 pub struct Arguments {
@@ -124,7 +124,7 @@ fn split(text: &str) -> Result<Split, String> {
     }))
 }
 
-fn duration(text: &str) -> Result<Duration, String> {
+pub fn duration(text: &str) -> Result<Duration, String> {
     // From the back, so that the e of an exponent is not taken for a unit.
     let (number, unit) = text.split_at(text.trim_end_matches(|c: char| c.is_ascii_alphabetic()).len());
     let factor = match unit {
@@ -142,7 +142,7 @@ fn duration(text: &str) -> Result<Duration, String> {
     }
 }
 
-fn positive(text: &str) -> Result<f64, String> {
+pub fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(x) if x > 0.0 && x.is_finite() => Ok(x),
         _ => Err("not a positive number".into()),
@@ -161,7 +161,7 @@ fn numbers<const N: usize>(text: &str, separator: &[char]) -> Option<[u32; N]> {
     parts?.try_into().ok()
 }
 
-fn size(text: &str) -> Result<[u32; 2], String> {
+pub fn size(text: &str) -> Result<[u32; 2], String> {
     match numbers(text, &['x', 'X', '×']) {
         Some([w, h]) if w > 0 && h > 0 => Ok([w, h]),
         _ => Err("not a size such as 640x480".into()),
@@ -172,6 +172,17 @@ fn crop(text: &str) -> Result<[u32; 4], String> {
     match numbers(text, &[',']) {
         Some([x, y, w, h]) if w > 0 && h > 0 => Ok([x, y, w, h]),
         _ => Err("not four numbers X,Y,W,H with W and H above 0".into()),
+    }
+}
+
+/// The scene's sample values, for a render of this many samples if they are known.
+pub fn sampler(source: &SceneSource, spp: Option<u32>) -> SamplerSettings {
+    match source.description.sampler {
+        // Strata are those of the whole render.
+        SamplerSettings::Stratified { samples: 0 } => {
+            SamplerSettings::Stratified { samples: spp.unwrap_or(DEFAULT_SAMPLES) }
+        }
+        other => other,
     }
 }
 
@@ -211,7 +222,7 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
     let mut settings = integrator.unwrap_or_else(|| source.description.integrator.clone());
     let layer_names: Vec<String> = layers.iter().map(|l| l.name.clone()).chain(settings.own_layers()).collect();
     if let Some(page) = &a.pyramid {
-        if settings.own_layers().is_empty() {
+        if !matches!(settings, IntegratorSettings::Bidirectional(_)) || settings.own_layers().is_empty() {
             let message =
                 "a pyramid is made of the pictures of all strategies, and this integrator writes none".to_owned();
             return Err(Failure::usage(message, "use -i bidirectional:strategies=true,max_depth=5"));
@@ -253,13 +264,7 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
     }
 
     catch_interrupt();
-    let sampler = match source.description.sampler {
-        // Strata are those of the whole render.
-        SamplerSettings::Stratified { samples: 0 } => {
-            SamplerSettings::Stratified { samples: a.spp.unwrap_or(DEFAULT_SAMPLES) }
-        }
-        other => other,
-    };
+    let sampler = sampler(&source, a.spp);
     let engine = match a.engine {
         EngineName::Wavefront => Engine::Wavefront,
         EngineName::Scalar => Engine::Scalar,

@@ -11,6 +11,7 @@ use rebond::scene::description::MaterialRef;
 use rebond::scene::{BuildError, MeshSource, Resources, Scene, SceneDescription, build, material};
 use rebond::shape::MeshData;
 use rebond::texture::Encoding;
+use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
 
 /// A scene that is part of the program.
@@ -96,6 +97,14 @@ impl SceneFiles {
 }
 
 impl SceneFiles {
+    /// Whether there is a file of this name.
+    fn has(&self, file: &str) -> bool {
+        match self {
+            Self::BuiltIn => BUILT_IN_FILES.iter().any(|(name, _)| *name == file),
+            Self::Folder(folder) => folder.join(file).is_file(),
+        }
+    }
+
     /// The solution of radiosity in a file, for the scene that it is of; or what is wrong with it.
     pub fn solution(&self, file: &str, scene: &Scene) -> Result<Solution, String> {
         read_solution(&self.read(file)?, file, scene).map_err(|e| format!("\"{file}\": {}", e.message))
@@ -190,6 +199,30 @@ impl SceneSource {
         })
     }
 
+    /// A number that any change of the scene changes, or of the files that it names, or of this `salt`: SHA-256, in
+    /// hexadecimal digits.
+    pub fn digest(&self, salt: &str) -> Result<String, Error> {
+        let description = serde_json::to_value(&self.description)
+            .map_err(|e| Error::new(format!("cannot write the scene down: {e}")).with_file(&self.name))?;
+        let mut digest = Sha256::new();
+        digest.update(salt);
+        digest.update(description.to_string());
+        let mut left = vec![&description];
+        while let Some(value) = left.pop() {
+            match value {
+                serde_json::Value::String(name) if self.files.has(name) => {
+                    let bytes = self.files.read(name).map_err(Error::new)?;
+                    digest.update(bytes.len().to_le_bytes());
+                    digest.update(bytes);
+                }
+                serde_json::Value::Array(items) => left.extend(items),
+                serde_json::Value::Object(entries) => left.extend(entries.values()),
+                _ => {}
+            }
+        }
+        Ok(digest.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
+    }
+
     /// Where its files are.
     pub fn files(&self) -> &SceneFiles {
         &self.files
@@ -211,4 +244,38 @@ fn not_text(bytes: &[u8], valid: usize, file: &str) -> Error {
     let place = Place { line: text[..valid].matches('\n').count() + 1, column, width: 1, source_line };
     let error = Error { place: Some(Box::new(place)), ..Error::new("not UTF-8 text") };
     error.with_file(file).with_help("save the scene as UTF-8")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_digest_knows_the_scene_and_its_files() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let ply = |x: &str| {
+            let head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+                element face 1\nproperty list uchar int vertex_indices\nend_header\n";
+            std::fs::write(folder.path().join("m.ply"), format!("{head}{x} 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"))
+                .expect("a mesh");
+        };
+        let digest = |fov: f32| {
+            let text = format!(
+                "[camera]\ntype = \"perspective\"\nfov = {fov}\n[[shapes]]\ntype = \"ply\"\nfile = \"m.ply\"\n"
+            );
+            let files = SceneFiles::Folder(folder.path().into());
+            let source = SceneSource::parse(&text, "a.toml", "a", files).expect("a scene");
+            source.digest("").expect("a digest")
+        };
+        ply("0");
+        let first = digest(40.0);
+        assert_eq!(first.len(), 64);
+        assert_eq!(first, digest(40.0));
+        assert_ne!(first, digest(41.0));
+        ply("0.5");
+        assert_ne!(first, digest(40.0));
+        let built_in = |name: &str| SceneSource::open(name).expect(name).digest("").expect(name);
+        assert_ne!(SceneSource::open("sky").expect("sky").digest("x").expect("a digest"), built_in("sky"));
+        assert_ne!(built_in("dragon"), built_in("sky"));
+    }
 }

@@ -1,6 +1,7 @@
 //! How far one picture is from another: error numbers, what an eye would see of them ([`Pair::flip`]), and whether two
 //! renderings can be of the same scene at all ([`welch`]).
 
+use crate::math::LUMINANCE;
 use rayon::prelude::*;
 use statrs::distribution::{Binomial, ContinuousCDF, DiscreteCDF, StudentsT};
 
@@ -136,6 +137,45 @@ impl<'a> Pair<'a> {
         Flip { mean: map.iter().map(|&v| f64::from(v)).sum::<f64>() / map.len() as f64, map }
     }
 
+    /// HDR-FLIP: for each pixel the largest [`Pair::flip`] of all exposures at which something of the reference is shown. They
+    /// reach, in steps of at most a stop, from the one at which its brightest pixel is tone-mapped to 0.85 to that
+    /// at which its median luminance is. No exposure need be chosen.
+    ///
+    /// Andersson, Nilsson, Shirley, Akenine-Möller, "Visualizing Errors in Rendered High Dynamic Range Images" (2021).
+    pub fn hdr_flip(&self, pixels_per_degree: f32) -> Flip {
+        let mut largest = Flip { mean: 0.0, map: vec![0.0; self.reference.len()] };
+        for exposure in self.exposures() {
+            let gain = exposure.exp2();
+            let [reference, test] = [self.reference, self.test].map(|pixels| {
+                pixels.par_iter().map(|p| p.map(|v| filmic(f64::from(v) * gain) as f32)).collect::<Vec<_>>()
+            });
+            let shown = Pair { reference: &reference, test: &test, ..*self };
+            let flip = shown.flip(pixels_per_degree);
+            largest.map.iter_mut().zip(flip.map).for_each(|(most, v)| *most = most.max(v));
+        }
+        largest.mean = largest.map.iter().map(|&v| f64::from(v)).sum::<f64>() / largest.map.len() as f64;
+        largest
+    }
+
+    /// The exposures of HDR-FLIP, in stops.
+    fn exposures(&self) -> Vec<f64> {
+        let luminance = |p: &[f32; 3]| p.iter().zip(LUMINANCE).map(|(x, w)| f64::from(*x) * f64::from(w)).sum::<f64>();
+        let finite = |v: f64| if v.is_finite() { v.max(0.0) } else { 0.0 };
+        let mut all: Vec<f64> = self.reference.iter().map(luminance).map(finite).collect();
+        let brightest = all.iter().fold(0.0, |most: f64, v| most.max(*v));
+        let middle = all.len() / 2;
+        let median = *all.select_nth_unstable_by(middle, f64::total_cmp).1;
+        if brightest <= 0.0 {
+            return vec![0.0];
+        }
+        // Where the curve reaches 0.85: (0.85 k₃ − k₀) x² + (0.85 k₄ − k₁) x + 0.85 k₅ = 0, its larger root.
+        let [a, b, c] = [0.85 * FILMIC[2] - FILMIC[0], 0.85 * FILMIC[3] - FILMIC[1], 0.85 * FILMIC[4]];
+        let white = (-b - (b * b - 4.0 * a * c).sqrt()) / (2.0 * a);
+        let [first, last] = [brightest, median.max(f64::from(f32::EPSILON))].map(|v| (white / v).log2());
+        let steps = ((last - first).ceil() as usize).clamp(2, 64);
+        (0..steps).map(|k| first + (last - first) * k as f64 / (steps - 1) as f64).collect()
+    }
+
     /// What the eye makes of each pixel.
     fn seen(&self, pixels: &[[f32; 3]], density: f64) -> Vec<Seen> {
         let clean = |v: f32| if v.is_nan() { 0.0 } else { f64::from(v).clamp(0.0, 1.0) };
@@ -223,6 +263,16 @@ struct Seen {
     colour: [f64; 3],
     edge: f64,
     point: f64,
+}
+
+/// Coefficients k₀, k₁, k₃, k₄, k₅ of the curve below, its input scaled by 0.6.
+const FILMIC: [f64; 5] = [0.6 * 0.6 * 2.51, 0.6 * 0.03, 0.6 * 0.6 * 2.43, 0.6 * 0.59, 0.14];
+
+/// The tone curve of HDR-FLIP, $(k_0 x^2 + k_1 x)/(k_3 x^2 + k_4 x + k_5)$: Narkowicz, "ACES Filmic Tone Mapping Curve" (2015).
+fn filmic(x: f64) -> f64 {
+    let x = x.clamp(0.0, 1e6);
+    let [k0, k1, k3, k4, k5] = FILMIC;
+    (x * (k0 * x + k1) / (x * (k3 * x + k4) + k5)).clamp(0.0, 1.0)
 }
 
 /// Exponent of colour differences.
@@ -460,6 +510,25 @@ mod tests {
         {
             assert!((flip.map[y * 40 + x] - expected).abs() < 1e-4, "({x}, {y}): {}", flip.map[y * 40 + x]);
         }
+    }
+
+    #[test]
+    fn hdr_flip_is_that_of_its_authors() {
+        let bright = |seed| pattern(seed).iter().map(|p| p.map(|v| 8.0 * v * v)).collect::<Vec<_>>();
+        let (a, b) = (bright(1), bright(2));
+        // flip-evaluator 1.7 by its command "HDR": three exposures from −1.815 744 5 to 0.570 856 9.
+        let exposures = pair(&a, &b, 40).exposures();
+        assert_eq!(exposures.len(), 3);
+        assert!((exposures[0] + 1.815_744_5).abs() < 1e-5 && (exposures[2] - 0.570_856_9).abs() < 1e-5);
+        let flip = pair(&a, &b, 40).hdr_flip(PIXELS_PER_DEGREE);
+        assert!((flip.mean - 0.252_914_4).abs() < 1e-4, "{}", flip.mean);
+        for (x, y, expected) in [(0, 0, 0.442_192_5), (19, 10, 0.502_878), (35, 15, 0.006_155_3), (39, 29, 0.125_470_3)]
+        {
+            assert!((flip.map[y * 40 + x] - expected).abs() < 1e-4, "({x}, {y}): {}", flip.map[y * 40 + x]);
+        }
+        // Nothing to see, whatever the exposure.
+        assert_eq!(pair(&[[0.0; 3]; 4], &[[0.0; 3]; 4], 2).hdr_flip(PIXELS_PER_DEGREE).mean, 0.0);
+        assert!(pair(&[[f32::NAN; 3]; 4], &[[f32::INFINITY; 3]; 4], 2).hdr_flip(PIXELS_PER_DEGREE).mean <= 1.0);
     }
 
     #[test]

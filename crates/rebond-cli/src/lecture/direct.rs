@@ -1,10 +1,10 @@
 //! Direct light in pictures: shadows, Phong's lobe, linearity, factors of the integrand, seven samplings side by side.
 
 use super::Section;
-use super::judge::{Means, of_test, verdict};
 use super::page::{Findings, Picture};
 use super::workshop::{Shot, Stage, Workshop, png};
 use crate::Failure;
+use crate::judge::{Means, of_test, verdict};
 use rebond::film::{Film, Image};
 use serde_json::json;
 

@@ -2,10 +2,10 @@
 
 use super::Section;
 use super::direct::SAMPLINGS;
-use super::judge::{Means, of_test, verdict};
 use super::page::Findings;
 use super::workshop::{Shot, Stage, Workshop};
 use crate::Failure;
+use crate::judge::{Means, of_test, verdict};
 use rebond::compare::Welch;
 use serde_json::{Map, Value, json};
 

@@ -5,7 +5,6 @@
 mod ambient_occlusion;
 mod direct;
 mod direct_errors;
-mod judge;
 mod monte_carlo;
 mod page;
 mod path_tracing;
@@ -14,7 +13,7 @@ mod workshop;
 pub use workshop::png;
 
 use crate::Failure;
-use crate::output::{answer, note, write_bytes, write_text};
+use crate::output::{answer, make_folder, note, write_bytes, write_text};
 use crate::progress::catch_interrupt;
 use clap::Args;
 use page::{Chapter, Findings};
@@ -150,16 +149,6 @@ fn list(sections: &[&Section], as_json: bool) -> Result<(), Failure> {
         return answer(&Value::from(sections.iter().map(one).collect::<Vec<_>>()).to_string());
     }
     sections.iter().try_for_each(|s| answer(&format!("{:<18} {}", s.name, s.makes)))
-}
-
-/// The folder to write to, before any work is done.
-fn make_folder(folder: &Path) -> Result<(), Failure> {
-    let shown = folder.display();
-    if folder.exists() && !folder.is_dir() {
-        return Err(Failure::usage(format!("the output \"{shown}\" is a file"), "name a folder"));
-    }
-    std::fs::create_dir_all(folder)
-        .map_err(|e| Failure::usage(format!("cannot make the folder \"{shown}\": {e}"), "name another place"))
 }
 
 /// Writes the page and what lies beside it; returns the names.

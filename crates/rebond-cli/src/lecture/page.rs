@@ -1,10 +1,9 @@
 //! The page: what sections found, as one HTML file that needs nothing else.
 
-use crate::plot::{Chart, quoted};
-use base64::Engine;
-use maud::{DOCTYPE, Markup, PreEscaped, html};
+use crate::page::{self, Table, drawing};
+use crate::plot::Chart;
+use maud::{Markup, PreEscaped, html};
 use serde_json::{Map, Value};
-use std::fmt::Write;
 
 /// A picture, as it is shown and written.
 pub struct Picture {
@@ -17,15 +16,6 @@ pub struct Picture {
     pub caption: String,
     /// What makes this one alone.
     pub command: Option<String>,
-}
-
-/// A table, as it is shown and written.
-pub struct Table {
-    /// File name without its extension.
-    pub name: String,
-    pub caption: String,
-    pub head: Vec<&'static str>,
-    pub rows: Vec<Vec<String>>,
 }
 
 /// A piece of a section.
@@ -84,7 +74,8 @@ impl Findings {
         self.blocks.push(Block::Drawing { name: name.into(), svg, alt: alt.into(), caption: caption.into() });
     }
     pub fn table(&mut self, name: &str, caption: &str, head: &[&'static str], rows: Vec<Vec<String>>) {
-        self.blocks.push(Block::Table(Table { name: name.into(), caption: caption.into(), head: head.to_vec(), rows }));
+        let head = head.iter().map(ToString::to_string).collect();
+        self.blocks.push(Block::Table(Table { name: name.into(), caption: caption.into(), head, rows }));
     }
     pub fn number(&mut self, name: &str, value: impl Into<Value>) {
         self.numbers.insert(name.into(), value.into());
@@ -111,19 +102,6 @@ impl Findings {
     }
 }
 
-impl Table {
-    fn csv(&self) -> String {
-        let mut out = String::new();
-        let rows = self.rows.iter().map(|r| r.iter().map(String::as_str).collect::<Vec<_>>());
-        for row in std::iter::once(self.head.clone()).chain(rows) {
-            let cells: Vec<String> = row.iter().map(|c| quoted(c)).collect();
-            // Writing to a string cannot fail.
-            let _ = writeln!(out, "{}", cells.join(","));
-        }
-        out
-    }
-}
-
 /// A section that ran.
 pub struct Chapter {
     pub name: &'static str,
@@ -133,32 +111,19 @@ pub struct Chapter {
     pub findings: Findings,
 }
 
-const STYLE: &str = include_str!("page.css");
-
 /// The page of these chapters; `made` says how they were made.
 pub fn html(chapters: &[Chapter], made: &str) -> String {
-    let page = html! {
-        (DOCTYPE)
-        html lang="en" {
-            head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width, initial-scale=1";
-                title { "The lecture, recomputed" }
-                link rel="icon" href="data:,";
-                style { (PreEscaped(STYLE)) }
-            }
-            body {
-                header {
-                    h1 { "The lecture, recomputed" }
-                    p { (made) }
-                    nav { @for c in chapters { a href={ "#" (c.name) } { (c.title) } } }
-                }
-                main { @for c in chapters { (chapter(c)) } }
-                footer { p { "Pictures, drawings and their numbers stand as files beside this page." } }
-            }
+    let title = "The lecture, recomputed";
+    let body = html! {
+        header {
+            h1 { (title) }
+            p { (made) }
+            nav { @for c in chapters { a href={ "#" (c.name) } { (c.title) } } }
         }
+        main { @for c in chapters { (chapter(c)) } }
+        footer { p { "Pictures, drawings and their numbers stand as files beside this page." } }
     };
-    page.into_string()
+    page::document("en", title, "", &body)
 }
 
 fn chapter(c: &Chapter) -> Markup {
@@ -184,36 +149,20 @@ fn block(b: &Block) -> Markup {
         Block::Drawing { svg, alt, caption, .. } => {
             html! { figure { (drawing(svg, alt)) figcaption { (caption) } } }
         }
-        Block::Table(t) => html! {
-            div class="wide" {
-                table {
-                    caption { (t.caption) }
-                    thead { tr { @for cell in &t.head { th { (cell) } } } }
-                    tbody { @for row in &t.rows { tr { @for cell in row { td { (cell) } } } } }
-                }
-            }
-        },
+        Block::Table(table) => table.html(),
     }
 }
 
 fn picture(p: &Picture) -> Markup {
-    let data = base64::engine::general_purpose::STANDARD.encode(&p.png);
     html! {
         figure {
-            img src={ "data:image/png;base64," (data) } alt=(p.alt);
+            (page::image(&p.png, &p.alt))
             figcaption {
                 (p.caption)
                 @if let Some(command) = &p.command { br; code { (command) } }
             }
         }
     }
-}
-
-/// An SVG of the page itself, so that it can follow the page's colours.
-fn drawing(svg: &str, alt: &str) -> Markup {
-    let at = svg.find("<svg").map_or(0, |i| i + 4);
-    let alt = html! { (alt) }.into_string();
-    PreEscaped(format!("<svg role=\"img\" aria-label=\"{alt}\"{}", &svg[at..]))
 }
 
 /// MathML, which browsers draw by themselves.

@@ -2,10 +2,10 @@
 //! roulette, path by path.
 
 use super::Section;
-use super::judge::{Means, of_test, verdict};
 use super::page::{Findings, Picture};
 use super::workshop::{Shot, Stage, Workshop};
 use crate::Failure;
+use crate::judge::{Means, of_test, verdict};
 use crate::plot::{Axis, Chart, Curve, Legend, Mark};
 use rebond::film::Film;
 use rebond::math::Moments;

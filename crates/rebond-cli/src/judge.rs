@@ -1,10 +1,10 @@
 //! Whether two pictures have one expectation.
 
 use rebond::compare::{Estimate, Welch, welch};
-use rebond::film::Film;
+use rebond::film::{Film, Image};
 use serde_json::{Value, json};
 
-/// The green of a picture, with what is known of it.
+/// A channel of a picture, with what is known of it.
 pub struct Means {
     mean: Vec<f32>,
     variance: Vec<f32>,
@@ -12,20 +12,31 @@ pub struct Means {
 }
 
 impl Means {
+    /// The green of a film.
     pub fn of(film: &Film) -> Self {
         Self::sum(std::slice::from_ref(film))
     }
 
-    /// Of the sum of pictures.
+    /// The green of the sum of pictures.
     pub fn sum(films: &[Film]) -> Self {
+        let values: Vec<Vec<_>> = films.iter().map(|f| f.values().collect()).collect();
         let pixels = films.first().map_or(0, |f| f.pixels().len());
-        let all = |i: usize| films.iter().map(move |f| f.pixels()[i].moments(1));
         let per_pixel = |f: &dyn Fn(usize) -> f64| (0..pixels).map(|i| f(i) as f32).collect();
+        let samples = |f: &Film, i: usize| f.pixels()[i].effective_samples().round();
         Self {
-            mean: per_pixel(&|i| all(i).map(|m| m.mean()).sum()),
-            variance: per_pixel(&|i| all(i).map(|m| m.variance_of_mean()).sum()),
-            samples: per_pixel(&|i| all(i).map(|m| m.count() as f64).fold(f64::INFINITY, f64::min)),
+            mean: per_pixel(&|i| values.iter().map(|v| v[i].mean[1]).sum()),
+            variance: per_pixel(&|i| values.iter().map(|v| v[i].variance[1]).sum()),
+            samples: per_pixel(&|i| films.iter().map(|f| samples(f, i)).fold(f64::INFINITY, f64::min)),
         }
+    }
+
+    /// A channel of a picture that knows its variance, as those do that rebond writes as EXR.
+    fn of_channel(image: &Image, name: &str) -> Option<Self> {
+        let data = |layer: &str, name: &str| {
+            let channels = &image.layer(layer)?.channels;
+            channels.iter().find(|c| c.name == name).map(|c| c.data.clone())
+        };
+        Some(Self { mean: data("", name)?, variance: data("variance", name)?, samples: data("samples", "Y")? })
     }
 
     /// The sum over all pixels, and its standard error.
@@ -42,6 +53,16 @@ impl Means {
     pub fn test(&self, other: &Self, [width, height]: [u32; 2], block: u32, level: f64) -> Welch {
         welch(self.estimate(), other.estimate(), width, height, block, level).expect("pictures of one size")
     }
+}
+
+/// One test per channel, where both pictures know their variance, and there is any.
+pub fn t_tests(a: &Image, b: &Image, block: u32, level: f64) -> Option<Vec<(&'static str, Welch)>> {
+    let one = |c: &'static str| {
+        let (first, second) = (Means::of_channel(a, c)?, Means::of_channel(b, c)?);
+        let test = welch(first.estimate(), second.estimate(), a.width, a.height, block, level).ok()?;
+        (test.tested > 0).then_some((c, test))
+    };
+    ["R", "G", "B"].into_iter().map(one).collect()
 }
 
 pub fn verdict(test: &Welch) -> &'static str {
