@@ -152,8 +152,8 @@ def figures(args):
         (
             "photon-gather.png",
             "cornell-spheres",
-            "photon:photons=500000,nearest=500,gather=32,precompute=true",
-            ["--spp", "16"],
+            "photon:photons=500000,nearest=500,gather=16,precompute=true",
+            ["--spp", "8"],
         ),
         ("caustic-mirror-path.png", "caustic-mirror", "path", ["--time", f"{args.seconds}s"]),
         ("caustic-mirror-vcm.png", "caustic-mirror", "vcm", ["--time", f"{args.seconds}s"]),
