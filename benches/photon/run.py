@@ -124,7 +124,7 @@ def plot(path, rows):
         points = " ".join(f"{at_x(x):.1f},{at_y(y):.1f}" for x, y in zip(xs, ys))
         out.append(f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="2"/>')
         out += [f'<circle cx="{at_x(x):.1f}" cy="{at_y(y):.1f}" r="3" fill="{colour}"/>' for x, y in zip(xs, ys)]
-        out.append(f'<text x="{at_x(xs[-1]):.1f}" y="{at_y(ys[-1]) - 8:.1f}" text-anchor="end" fill="{colour}">{words}</text>')
+        out.append(f'<text x="{at_x(xs[0]) + 8:.1f}" y="{at_y(ys[0]) - 8:.1f}" fill="{colour}">{words}</text>')
     out.append(f'<text x="{(width + left) / 2}" y="{height - 6}" text-anchor="middle">photons emitted</text>')
     out.append(f'<text x="14" y="{(height - bottom) / 2}" transform="rotate(-90 14 {(height - bottom) / 2})" text-anchor="middle">relMSE</text></svg>')
     path.write_text("\n".join(out) + "\n")
@@ -153,7 +153,7 @@ def figures(args):
             "photon-gather.png",
             "cornell-spheres",
             "photon:photons=500000,nearest=500,gather=16,precompute=true",
-            ["--spp", "8"],
+            ["--spp", "4"],
         ),
         ("caustic-mirror-path.png", "caustic-mirror", "path", ["--time", f"{args.seconds}s"]),
         ("caustic-mirror-vcm.png", "caustic-mirror", "vcm", ["--time", f"{args.seconds}s"]),
