@@ -225,7 +225,7 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
     let mut settings = integrator.unwrap_or_else(|| source.description.integrator.clone());
     let layer_names: Vec<String> = layers.iter().map(|l| l.name.clone()).chain(settings.own_layers()).collect();
     if let Some(page) = &a.pyramid {
-        if settings.own_layers().is_empty() {
+        if !matches!(settings, IntegratorSettings::Bidirectional(_)) || settings.own_layers().is_empty() {
             let message =
                 "a pyramid is made of the pictures of all strategies, and this integrator writes none".to_owned();
             return Err(Failure::usage(message, "use -i bidirectional:strategies=true,max_depth=5"));
@@ -328,6 +328,8 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
     let names: Vec<String> = written.map(|p| p.display().to_string()).collect();
     if a.json {
         let error = film.relative_error();
+        let counts: serde_json::Map<String, serde_json::Value> =
+            integrator.counts().into_iter().map(|(name, n)| (name.into(), n.into())).collect();
         answer(
             &serde_json::json!({
                 "scene": source.name,
@@ -339,6 +341,7 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
                 "rays": statistics.rays.total(),
                 "rays_by_depth": statistics.rays.by_depth,
                 "shadow_rays": statistics.rays.shadow,
+                "counts": counts,
                 "dropped_samples": dropped,
                 "peak_memory_bytes": peak_memory_bytes(),
                 "error": error.is_finite().then_some(error),

@@ -334,6 +334,7 @@ fn a_picture_that_cannot_be_written_is_saved_elsewhere() {
 fn scenes_are_listed() {
     let folder = temporary();
     let names = [
+        "caustic-mirror",
         "cornell-box",
         "cornell-spheres",
         "dragon",
@@ -360,7 +361,7 @@ fn scenes_are_listed() {
     let array = json(&answer(&folder, &["scenes", "--json"]));
     let listed: Vec<&str> = array.as_array().expect("a list").iter().filter_map(|s| s["name"].as_str()).collect();
     assert_eq!(listed, names);
-    assert_eq!(array[0]["title"], "The Cornell box");
+    assert_eq!(array[1]["title"], "The Cornell box");
 }
 
 #[test]
@@ -377,6 +378,22 @@ fn integrators_are_listed() {
     assert_eq!(settings, ["light_sampling", "max_depth", "mode", "paths", "roulette", "rr_depth", "survival"]);
     let all = "path:max_depth=2,rr_depth=1,mode=mis,light_sampling=solid-angle,paths=2..,roulette=albedo,survival=0.9";
     answer(&folder, &small(&["--json", "-i", all]));
+}
+
+#[test]
+fn photons_are_counted_and_shown() {
+    let folder = temporary();
+    let photons = "photon:photons=2000,nearest=20,show=true";
+    let object = json(&answer(&folder, &small(&["--json", "-i", photons, "-o", "map.exr"])));
+    let count = |name: &str| object["counts"][name].as_u64().unwrap_or_else(|| panic!("{name} in {object}"));
+    let [emitted, stored] = ["photons_emitted", "photons_stored"].map(count);
+    // The box is open at the front.
+    assert!(emitted == 2000 && stored > emitted && count("photons_lost") > 0 && count("photons_wasted") > 0);
+    assert_eq!(object["biased"], true);
+    let layer = image(&folder, "map.exr").rgb("photons").expect("a layer");
+    // In units of their mean power: the green of all pixels is about the number of photons that are seen.
+    let seen: f32 = layer.iter().map(|p| p[1]).sum();
+    assert!(seen > 0.2 * stored as f32 && seen < stored as f32, "{seen} of {stored}");
 }
 
 #[test]

@@ -36,6 +36,7 @@ macro_rules! built_in {
 
 /// The scenes that are part of the program.
 pub const BUILT_IN_SCENES: &[BuiltIn] = built_in![
+    "caustic-mirror",
     "cornell-box",
     "cornell-spheres",
     "dragon",

@@ -3,100 +3,12 @@
 mod common;
 
 use common::*;
-use rebond::film::{Channel, Film, Image, Layer};
+use rebond::film::Film;
 use rebond::integrators::IntegratorSettings;
 use rebond::math::Moments;
 use rebond::render::{Budget, Engine, PathLayer, Region, render};
 use rebond::sampling::{Sampler, SamplerSettings};
-use rebond_io::{BUILT_IN_SCENES, SceneSource, from_settings};
-
-const LEVEL: f64 = 0.01;
-/// Films of other seeds, by whose spread one is judged.
-const FILMS: u64 = 16;
-/// Side of a block in pixels.
-const BLOCK: usize = 4;
-
-/// The means of blocks of one sheet of a film (0: the picture), row by row.
-fn blocks(film: &Film, sheet: usize) -> Vec<[f64; 3]> {
-    let values: Vec<[f64; 3]> = if sheet == 0 {
-        film.values().map(|v| v.mean).collect()
-    } else {
-        film.layer_values(sheet - 1).map(|v| v.mean).collect()
-    };
-    let (columns, rows) = (film.width() as usize / BLOCK, film.height() as usize / BLOCK);
-    let mean = |b: usize| {
-        let (left, top) = (b % columns * BLOCK, b / columns * BLOCK);
-        let pixels = (0..BLOCK * BLOCK).map(|i| values[(top + i / BLOCK) * columns * BLOCK + left + i % BLOCK]);
-        pixels.fold([0.0; 3], |sum, p| std::array::from_fn(|c| sum[c] + p[c] / (BLOCK * BLOCK) as f64))
-    };
-    (0..columns * rows).map(mean).collect()
-}
-
-/// An image of blocks, of which the spread over films is known: splats tie the pixels of one film together.
-fn image_of(films: &[Vec<[f64; 3]>], columns: usize) -> Image {
-    let moments = |b: usize, c: usize| -> Moments { films.iter().map(|f| f[b][c]).collect() };
-    let n = films[0].len();
-    let layer = |name: &str, f: &dyn Fn(Moments) -> f64| {
-        let block = |b: usize| std::array::from_fn(|c| f(moments(b, c)) as f32);
-        Layer::rgb(name, &(0..n).map(block).collect::<Vec<_>>())
-    };
-    let samples = Channel { name: "Y".into(), data: vec![films.len() as f32; n] };
-    let layers = vec![
-        layer("", &|m| m.mean()),
-        layer("variance", &|m| m.variance_of_mean()),
-        Layer { name: "samples".into(), channels: vec![samples] },
-    ];
-    Image { width: columns as u32, height: (n / columns) as u32, layers }
-}
-
-/// Films of other seeds.
-fn films(source: &SceneSource, integrator: &str, first_seed: u64, samples: u32, layers: &[PathLayer]) -> Vec<Film> {
-    let scene = source.build().expect("a good scene");
-    let settings = settings(integrator);
-    let [width, height] = [source.description.film.width, source.description.film.height];
-    let names: Vec<String> = layers.iter().map(|l| l.name.clone()).chain(settings.own_layers()).collect();
-    let film = |seed: u64| {
-        let sampler = Sampler::new(SamplerSettings::default(), first_seed + seed);
-        let integrator = settings
-            .layered_integrator(&scene, sampler, Job::default().engine, layers)
-            .expect("settings that go together");
-        let mut film = Film::try_new(width, height, &names).expect("memory");
-        let budget = Budget { samples: Some(samples), ..Budget::default() };
-        render(&*integrator, &mut film, Region::whole(width, height), 0, &budget, 2, &());
-        assert_eq!(film.dropped_samples(), 0);
-        film
-    };
-    (0..FILMS).map(film).collect()
-}
-
-fn picture(source: &SceneSource, integrator: &str, first_seed: u64, samples: u32) -> Image {
-    let films: Vec<_> = films(source, integrator, first_seed, samples, &[]).iter().map(|f| blocks(f, 0)).collect();
-    image_of(&films, source.description.film.width as usize / BLOCK)
-}
-
-fn built_in(name: &str) -> String {
-    BUILT_IN_SCENES.iter().find(|b| b.name == name).expect("built in").text.to_owned()
-}
-
-fn changed(name: &str, changes: &[(&str, &str)], size: [u32; 2]) -> SceneSource {
-    let text = changes.iter().fold(built_in(name), |text, (from, to)| {
-        assert!(text.contains(from), "{from} is in {name}");
-        text.replace(from, to)
-    });
-    let mut source = parse(&text);
-    (source.description.film.width, source.description.film.height) = (size[0], size[1]);
-    source
-}
-
-/// Whether integrators agree with the first of them on a scene.
-fn agree_on(name: &str, source: &SceneSource, integrators: &[(&str, u32)], tests: f64) {
-    let (first, samples) = integrators[0];
-    let reference = picture(source, first, 1000, samples);
-    for (i, (integrator, samples)) in integrators[1..].iter().enumerate() {
-        let other = picture(source, integrator, 100 * i as u64, *samples);
-        judge(&other, &reference, 1, LEVEL / (3.0 * tests)).unwrap_or_else(|e| panic!("{name}, {integrator}, {e}"));
-    }
-}
+use rebond_io::{SceneSource, from_settings};
 
 #[test]
 fn diffuse_room() {
@@ -308,49 +220,6 @@ fn rough_glass() {
     let all =
         [(&*format!("path:{paths}"), 256), (&*format!("bidirectional:{paths}"), 64), (&*format!("light:{paths}"), 128)];
     agree_on("rough glass", &source, &all, 20.0);
-}
-
-/// A coarse ball with the normals of a sphere, in light from everywhere.
-fn coarse_ball(material: &str) -> SceneSource {
-    let (rings, sides) = (5, 7);
-    let (mut positions, mut normals, mut faces) = (String::new(), String::new(), String::new());
-    for ring in 0..=rings {
-        for side in 0..sides {
-            let (theta, phi) = (
-                std::f64::consts::PI * f64::from(ring) / f64::from(rings),
-                std::f64::consts::TAU * f64::from(side) / f64::from(sides),
-            );
-            let n = [theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin()];
-            positions += &format!("[{}, {}, {}],", n[0], n[1], n[2]);
-            normals += &format!("[{}, {}, {}],", n[0], n[1], n[2]);
-            if ring < rings {
-                let (a, b) = (ring * sides + side, ring * sides + (side + 1) % sides);
-                faces += &format!("[{a}, {b}, {}, {}],", b + sides, a + sides);
-            }
-        }
-    }
-    parse(&format!(
-        r#"
-        film = {{ width = 16, height = 16 }}
-        [camera]
-        type = "perspective"
-        fov = 50
-        to_world.look_at = {{ origin = [0.5, 0.8, 2.8], target = [0, 0, 0], up = [0, 1, 0] }}
-        [[shapes]]
-        type = "mesh"
-        positions = [{positions}]
-        normals = [{normals}]
-        faces = [{faces}]
-        material = {material}
-        [[shapes]]
-        type = "rectangle"
-        to_world = [{{ rotate = {{ axis = [1, 0, 0], angle = -90 }} }}, {{ scale = 2.5 }}, {{ translate = [0, -1, 0] }}]
-        material = {{ type = "diffuse", reflectance = 0.7 }}
-        [[emitters]]
-        type = "constant"
-        radiance = 1
-        "#
-    ))
 }
 
 /// Shading normals make scattering asymmetric; what light carries is corrected for that, or these would differ.

@@ -17,17 +17,21 @@ mod bidirectional;
 mod direct;
 mod light;
 mod path;
+mod photon;
 pub mod radiosity;
 mod recursive;
+mod vcm;
 
-pub use crate::transport::{Heuristic, Roulette};
+pub use crate::transport::{Heuristic, Kernel, Roulette};
 pub use ambient_occlusion::{AmbientOcclusionSampling, AmbientOcclusionSettings};
 pub use bidirectional::BidirectionalSettings;
 pub use direct::{DirectSampling, DirectSettings, Factor};
 pub use light::LightSettings;
 pub use path::{PathMode, PathSettings};
+pub use photon::PhotonSettings;
 pub use radiosity::RadiositySettings;
 pub use recursive::RecursiveSettings;
+pub use vcm::{VcmMode, VcmSettings};
 
 use crate::emitter::LightSampling;
 use crate::render::{Engine, Integrator, PathClasses, PathExpression, PathLayer};
@@ -51,6 +55,10 @@ pub enum IntegratorSettings {
     Light(LightSettings),
     /// Bidirectional path tracing.
     Bidirectional(BidirectionalSettings),
+    /// Photon mapping.
+    Photon(PhotonSettings),
+    /// Vertex connection and merging.
+    Vcm(VcmSettings),
     /// Radiosity.
     Radiosity(Box<RadiositySettings>),
 }
@@ -105,6 +113,16 @@ pub const INTEGRATORS: &[IntegratorInfo] = &[
         settings: bidirectional::SETTINGS,
     },
     IntegratorInfo {
+        name: "photon",
+        summary: "photon mapping: light from stored particles, seen directly, by a final gather, or progressively",
+        settings: photon::SETTINGS,
+    },
+    IntegratorInfo {
+        name: "vcm",
+        summary: "vertex connection and merging: bidirectional path tracing and photon mapping, weighed against each other",
+        settings: vcm::SETTINGS,
+    },
+    IntegratorInfo {
         name: "radiosity",
         summary: "diffuse light between patches, solved once for all views",
         settings: radiosity::SETTINGS,
@@ -138,6 +156,18 @@ fn check_ending(
     Ok(())
 }
 
+/// Whether a radius may be one, and shrink so.
+fn check_radius(radius: Option<f32>, alpha: f32) -> Result<(), IntegratorError> {
+    let error = |message: String, help: &str| Err(IntegratorError { message, help: help.into() });
+    if let Some(radius) = radius.filter(|r| !(*r > 0.0 && r.is_finite())) {
+        return error(format!("radius = {radius} is not above 0"), "give one in the units of the scene");
+    }
+    if !(alpha > 0.0 && alpha < 1.0) {
+        return error(format!("alpha = {alpha} is not between 0 and 1"), "give one such as 0.7");
+    }
+    Ok(())
+}
+
 impl IntegratorSettings {
     /// Its name.
     pub fn name(&self) -> &'static str {
@@ -148,6 +178,8 @@ impl IntegratorSettings {
             Self::Recursive(_) => "recursive",
             Self::Light(_) => "light",
             Self::Bidirectional(_) => "bidirectional",
+            Self::Photon(_) => "photon",
+            Self::Vcm(_) => "vcm",
             Self::Radiosity(_) => "radiosity",
         }
     }
@@ -168,6 +200,8 @@ impl IntegratorSettings {
             }
             Self::Light(settings) => Some(settings.leaves_out()),
             Self::Bidirectional(settings) => settings.leaves_out(),
+            Self::Photon(settings) => Some(settings.leaves_out()),
+            Self::Vcm(settings) => settings.leaves_out(),
             Self::Radiosity(_) => Some("light is known per patch".into()),
         }
     }
@@ -182,13 +216,22 @@ impl IntegratorSettings {
 
     /// Whether all of its samples have one expectation, so that pixels may have more or fewer of them.
     pub fn is_adaptable(&self) -> bool {
-        !matches!(self, Self::Radiosity(_))
+        match self {
+            Self::Radiosity(_) | Self::Vcm(_) => false,
+            Self::Photon(settings) => !settings.progressive,
+            _ => true,
+        }
     }
 
     /// The paths that count; all if none are named.
     fn paths(&self) -> Option<&PathExpression> {
         match self {
-            Self::AmbientOcclusion(_) | Self::Direct(_) | Self::Recursive(_) | Self::Radiosity(_) => None,
+            Self::AmbientOcclusion(_)
+            | Self::Direct(_)
+            | Self::Recursive(_)
+            | Self::Photon(_)
+            | Self::Vcm(_)
+            | Self::Radiosity(_) => None,
             Self::Path(settings) => settings.paths.as_ref(),
             Self::Light(settings) => settings.paths.as_ref(),
             Self::Bidirectional(settings) => settings.paths.as_ref(),
@@ -199,6 +242,7 @@ impl IntegratorSettings {
     pub fn own_layers(&self) -> Vec<String> {
         match self {
             Self::Bidirectional(settings) => settings.layers(),
+            Self::Photon(settings) => settings.layers(),
             _ => Vec::new(),
         }
     }
@@ -247,7 +291,8 @@ impl IntegratorSettings {
                     })?)
                 }
             };
-        if classes.is_some() && matches!(self, Self::AmbientOcclusion(_) | Self::Recursive(_) | Self::Radiosity(_)) {
+        let tells_apart = matches!(self, Self::Path(_) | Self::Direct(_) | Self::Light(_) | Self::Bidirectional(_));
+        if classes.is_some() && !tells_apart {
             let message = format!("{} does not tell paths apart", self.name());
             return Err(IntegratorError { message, help: "use path, direct, light or bidirectional".into() });
         }
@@ -272,6 +317,8 @@ impl IntegratorSettings {
             Self::Bidirectional(settings) => {
                 Box::new(bidirectional::Bidirectional::new(settings, scene, sampler, engine, classes)?)
             }
+            Self::Photon(settings) => settings.integrator(scene, sampler, engine)?,
+            Self::Vcm(settings) => Box::new(vcm::Vcm::new(settings, scene, sampler, engine)?),
             Self::Radiosity(settings) => {
                 Box::new(radiosity::Radiosity::new((**settings).clone(), scene, sampler, engine)?)
             }

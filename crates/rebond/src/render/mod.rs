@@ -3,6 +3,7 @@
 mod adaptive;
 mod bounce;
 mod budget;
+mod in_order;
 pub mod path_classes;
 mod path_state;
 mod scalar;
@@ -11,9 +12,10 @@ mod wavefront;
 
 pub use adaptive::Share;
 pub use budget::{Budget, RenderStatistics, render};
+pub(crate) use in_order::in_order;
 pub use path_classes::{PathClasses, PathExpression, PathLayer};
 pub use path_state::{Bounce, Dimensions, PathState, Shade, ShadowRay};
-pub(crate) use tiles::{Samples, TILE, Tiles};
+pub(crate) use tiles::{Sample, Samples, TILE, Tiles};
 
 use crate::film::Film;
 use crate::sampling::Sampler;
@@ -138,6 +140,11 @@ pub trait Integrator: Sync {
     /// Adds the samples of a pass to a film of the region's size, which has the layers of this integrator. Returns the rays
     /// traced.
     fn add_samples(&self, film: &Mutex<Film>, pass: &Pass, observer: &dyn Observer) -> Rays;
+
+    /// What it counted so far beside samples and rays, by name.
+    fn counts(&self) -> Vec<(&'static str, u64)> {
+        Vec::new()
+    }
 }
 
 /// How camera-path estimators run.

@@ -206,13 +206,28 @@ impl<F: Real> PathState<F> {
         sample: F::Index,
         slot: F::Index,
     ) -> Self {
+        Self::start_at(scene, sampler, [x, y], pixel, sample, slot, None)
+    }
+
+    /// The same at a moment of the shutter in [0, 1) that is given, or drawn.
+    #[inline(always)]
+    pub(crate) fn start_at(
+        scene: &Scene,
+        sampler: &Sampler,
+        [x, y]: [F::Index; 2],
+        pixel: F::Index,
+        sample: F::Index,
+        slot: F::Index,
+        moment: Option<F>,
+    ) -> Self {
         let stream = sampler.stream::<F>(pixel, sample);
         let dimension = |n: u32| F::Index::splat(n);
         let ([fx, fy], weight) = scene.filter().sample(stream.pair(dimension(0)));
         let raster = [F::from_index(x) + 0.5 + fx, F::from_index(y) + 0.5 + fy];
         let camera = scene.camera();
         let lens = if camera.has_lens() { stream.pair(dimension(1)) } else { [F::splat(0.5); 2] };
-        let moment = if camera.has_shutter() { stream.value(dimension(2)) } else { F::zero() };
+        let drawn = || if camera.has_shutter() { stream.value(dimension(2)) } else { F::zero() };
+        let moment = moment.unwrap_or_else(drawn);
         let ray = camera.ray(raster, lens, moment);
         let zero = F::zero();
         Self {

@@ -102,6 +102,29 @@ impl<'a> Tiles<'a> {
         Self { pass, film, observer, next: AtomicU64::new(0), columns, tiles, visits, rays }
     }
 
+    /// Some of the tiles of a pass of no more than [`VISIT`] samples, by their numbers.
+    pub fn only(film: &'a Mutex<Film>, pass: &'a Pass, observer: &'a dyn Observer, tiles: Range<u64>) -> Self {
+        let all = Self::new(film, pass, observer);
+        Self { next: AtomicU64::new(tiles.start), visits: all.visits.min(tiles.end), ..all }
+    }
+
+    /// How many tiles there are.
+    pub fn count(&self) -> u64 {
+        self.tiles
+    }
+
+    /// The number of a tile.
+    pub fn number(&self, tile: &Tile) -> u32 {
+        tile.y / SIDE * self.columns + tile.x / SIDE
+    }
+
+    /// How many pixels these tiles have.
+    pub fn pixels(&self, tiles: Range<u64>) -> u64 {
+        let (columns, region) = (u64::from(self.columns), &self.pass.region);
+        let side = |at: u64, size: u32| u64::from(SIDE.min(size - at as u32 * SIDE));
+        tiles.map(|n| side(n % columns, region.width) * side(n / columns, region.height)).sum()
+    }
+
     /// The sample values to use.
     pub fn sampler(&self, sampler: &Sampler) -> Sampler {
         self.pass.sampler(sampler)

@@ -1,0 +1,150 @@
+//! Vertex connection and merging: it agrees with closed forms, with what it is made of, and with itself in another order.
+
+mod common;
+
+use common::*;
+use rebond::film::Film;
+use rebond::integrators::IntegratorSettings;
+use rebond::math::Moments;
+use rebond::render::{Budget, Engine, Region, render};
+use rebond::sampling::{Sampler, SamplerSettings};
+use rebond_io::from_settings;
+
+const LENS: &str = "type = \"thin-lens\"\naperture_radius = 60\nfocus_distance = 1000";
+
+/// In a sphere every density per area is the same everywhere, and the points within r have the area π r²: so a furnace shows merging
+/// almost without its bias, which is of order r² here, and is 1/(1−ρ) only if all weights add up to 1.
+#[test]
+fn furnaces_are_their_closed_form() {
+    let modes = [
+        "radius=0.1",
+        "radius=0.03",
+        "radius=0.1,heuristic=balance,rr_depth=1",
+        "mode=merging,radius=0.04",
+        "mode=merging,radius=0.04,heuristic=balance",
+        "mode=photon,radius=0.1",
+        "mode=bidirectional",
+        "mode=light",
+        "radius=0.1,max_depth=4",
+    ];
+    for (albedo, value) in [("0.5", 2.0_f64), ("0.8", 5.0)] {
+        let source = changed("furnace", &[("reflectance = 0.5", &format!("reflectance = {albedo}"))], [16, 16]);
+        for mode in modes {
+            let cut = mode.contains("max_depth");
+            let value = if cut { value * (1.0 - (1.0 - 1.0 / value).powi(4)) } else { value };
+            let films = films(&source, &format!("vcm:{mode}"), 1, 32, &[]);
+            let means: Moments = films.iter().map(|f| f.mean()[1]).collect();
+            let p = means.p_value(value);
+            assert!(p > LEVEL / 18.0, "{albedo}, {mode}: {} for {value}, p {p:.1e}", means.mean());
+        }
+    }
+}
+
+/// Mirrors, glass and caustics; and its special cases.
+#[test]
+fn mirror_and_glass() {
+    let source = small("cornell-spheres", [16, 16]);
+    let all = [
+        ("bidirectional:max_depth=6", 128),
+        ("vcm:max_depth=6,radius=8", 64),
+        ("vcm:max_depth=6,radius=8,heuristic=balance", 64),
+        ("vcm:max_depth=6,mode=bidirectional", 64),
+        ("vcm:max_depth=6,mode=merging,radius=8", 128),
+        ("vcm:max_depth=6,mode=photon,radius=8", 128),
+        ("photon:progressive=true,photons=4000,radius=4,max_depth=6", 32),
+    ];
+    agree_on("cornell-spheres", &source, &all, 20.0);
+}
+
+/// Where there are neither mirrors nor glass, light tracing is all of it.
+#[test]
+fn diffuse_room() {
+    let source = small("cornell-box", [16, 16]);
+    let all = [
+        ("light:max_depth=5", 128),
+        ("vcm:max_depth=5,mode=light", 128),
+        ("vcm:max_depth=5,mode=bidirectional", 32),
+        ("vcm:max_depth=5,radius=10", 32),
+    ];
+    agree_on("cornell-box", &source, &all, 20.0);
+}
+
+/// A point, a spot and a beam, through a lens, while a cube turns.
+#[test]
+fn lights_without_extent() {
+    let source = small("point-lights", [16, 16]);
+    let all = [("bidirectional:max_depth=4", 128), ("vcm:max_depth=4", 128), ("vcm:max_depth=4,radius=0.05", 128)];
+    agree_on("point-lights", &source, &all, 20.0);
+}
+
+/// Parallel rays, an image of the sky, rough metal, instances.
+#[test]
+fn sky() {
+    let source = changed("sky", &[("{ scale = 30 }", "{ scale = 3 }")], [24, 16]);
+    agree_on("sky", &source, &[("bidirectional:max_depth=4", 64), ("vcm:max_depth=4", 64)], 20.0);
+}
+
+/// Light that crosses the lens.
+#[test]
+fn through_a_lens() {
+    let source = changed("cornell-spheres", &[("type = \"perspective\"", LENS)], [16, 16]);
+    let all =
+        [("bidirectional:max_depth=5", 64), ("vcm:max_depth=5,radius=8", 64), ("vcm:max_depth=5,mode=light", 512)];
+    agree_on("lens", &source, &all, 20.0);
+}
+
+/// Photons count flux through the surface as it is; the surface reflects as it is shaded.
+#[test]
+fn shading_normals() {
+    for material in [
+        "{ type = \"diffuse\", reflectance = 0.8 }",
+        "{ type = \"dielectric\", int_ior = 1.5, alpha = 0.4 }",
+        "{ type = \"plastic\", diffuse_reflectance = 0.6, alpha = 0.3 }",
+    ] {
+        let source = coarse_ball(material);
+        let all = [
+            ("bidirectional:max_depth=4", 64),
+            ("vcm:max_depth=4,radius=0.05", 64),
+            ("vcm:max_depth=4,mode=merging,radius=0.03", 256),
+        ];
+        agree_on(material, &source, &all, 60.0);
+    }
+}
+
+/// Same bits for any number of threads, and in parts.
+#[test]
+fn same_bits() {
+    let source = changed("cornell-spheres", &[("type = \"perspective\"", LENS)], [40, 24]);
+    let scene = source.build().expect("a good scene");
+    for text in ["vcm:radius=10", "vcm:mode=merging,radius=10", "vcm:mode=light"] {
+        let film = |first: u32, samples: u32, threads: usize| {
+            let sampler = Sampler::new(SamplerSettings::default(), 1);
+            let integrator = settings(text).integrator(&scene, sampler, Engine::default());
+            let integrator = integrator.expect("settings that go together");
+            let mut film = Film::new(40, 24);
+            let budget = Budget { samples: Some(samples), ..Budget::default() };
+            render(&*integrator, &mut film, Region::whole(40, 24), first, &budget, threads, &());
+            film
+        };
+        let whole = film(0, 9, 1);
+        for threads in [2, 5] {
+            assert!(film(0, 9, threads) == whole, "{text}: {threads} threads");
+        }
+        let mut parts = film(0, 4, 2);
+        parts.merge(&film(4, 5, 2));
+        assert!(parts == whole, "{text}: in parts");
+    }
+}
+
+#[test]
+fn settings_that_make_no_sense_are_refused() {
+    let scene = small("cornell-box", [4, 4]).build().expect("a good scene");
+    for (text, part) in
+        [("vcm:radius=0", "not above 0"), ("vcm:alpha=0", "between 0 and 1"), ("vcm:roulette=none", "never end")]
+    {
+        let settings: IntegratorSettings = from_settings(text).expect("settings").0;
+        let sampler = Sampler::new(SamplerSettings::default(), 0);
+        let refused = settings.integrator(&scene, sampler, Engine::default()).err().map(|e| e.message);
+        assert!(refused.as_ref().is_some_and(|m| m.contains(part)), "{text}: {refused:?}");
+    }
+}
