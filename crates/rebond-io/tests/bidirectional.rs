@@ -285,6 +285,13 @@ fn filters_and_heuristics() {
     }
 }
 
+/// The room that is lit through a door ajar, of which the eye sees no light directly.
+#[test]
+fn door_ajar() {
+    let source = small("indirect-room", [24, 16]);
+    agree_on("indirect-room", &source, &[("path:max_depth=5", 512), ("bidirectional:max_depth=5", 64)], 20.0);
+}
+
 /// Walks that end by chance, and those that do not.
 #[test]
 fn roulettes_agree() {
