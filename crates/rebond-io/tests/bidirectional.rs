@@ -197,6 +197,13 @@ fn filters_and_heuristics() {
     }
 }
 
+/// The room that is lit through a door ajar, of which the eye sees no light directly.
+#[test]
+fn door_ajar() {
+    let source = small("indirect-room", [24, 16]);
+    agree_on("indirect-room", &source, &[("path:max_depth=5", 512), ("bidirectional:max_depth=5", 64)], 20.0);
+}
+
 /// Walks that end by chance, and those that do not.
 #[test]
 fn roulettes_agree() {
@@ -209,6 +216,28 @@ fn roulettes_agree() {
         ("path:max_depth=16", 128),
     ];
     agree_on("cornell-spheres", &source, &all, 20.0);
+}
+
+/// The same on other scenes, walks short enough that those without roulette end.
+#[test]
+fn roulettes_agree_everywhere() {
+    let lens = "type = \"thin-lens\"\naperture_radius = 60\nfocus_distance = 1000";
+    let rough =
+        [("alpha = 0.005 ", "alpha = 0.15 "), ("alpha = 0.02 ", "alpha = 0.2 "), ("alpha = 0.05 ", "alpha = 0.3 ")];
+    let sources = [
+        ("cornell-box", small("cornell-box", [16, 16])),
+        ("veach-mis", changed("veach-mis", &rough, [16, 16])),
+        ("indirect-room", small("indirect-room", [24, 16])),
+        ("point-lights", small("point-lights", [16, 16])),
+        ("dragon", changed("dragon", &[("{ scale = 20 }", "{ scale = 2 }")], [16, 16])),
+        ("lens", changed("cornell-spheres", &[("type = \"perspective\"", lens)], [16, 16])),
+        ("furnace", furnace("0.8")),
+        ("rough glass ball", coarse_ball("{ type = \"dielectric\", int_ior = 1.5, alpha = 0.4 }")),
+    ];
+    for (name, source) in &sources {
+        let all = [("bidirectional:roulette=none,max_depth=5", 32), ("bidirectional:rr_depth=1,max_depth=5", 48)];
+        agree_on(name, source, &all, 20.0 * sources.len() as f64);
+    }
 }
 
 /// A ball of rough glass in a room.
