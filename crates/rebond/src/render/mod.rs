@@ -3,6 +3,7 @@
 mod adaptive;
 mod bounce;
 mod budget;
+pub mod journal;
 pub mod path_classes;
 mod path_state;
 mod scalar;
@@ -11,6 +12,7 @@ mod wavefront;
 
 pub use adaptive::Share;
 pub use budget::{Budget, RenderStatistics, render};
+pub use journal::Story;
 pub use path_classes::{PathClasses, PathExpression, PathLayer};
 pub use path_state::{Bounce, Dimensions, PathState, Shade, ShadowRay};
 pub(crate) use tiles::{Samples, TILE, Tiles};
@@ -138,6 +140,12 @@ pub trait Integrator: Sync {
     /// Adds the samples of a pass to a film of the region's size, which has the layers of this integrator. Returns the rays
     /// traced.
     fn add_samples(&self, film: &Mutex<Film>, pass: &Pass, observer: &dyn Observer) -> Rays;
+
+    /// Traces one sample of a pixel of a picture so wide, and tells what became of it; `None` by those that cannot.
+    fn tell(&self, pixel: [u32; 2], full_width: u32, sample: u32) -> Option<Story> {
+        let _ = (pixel, full_width, sample);
+        None
+    }
 }
 
 /// How camera-path estimators run.
