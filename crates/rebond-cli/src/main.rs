@@ -17,6 +17,7 @@ mod progress;
 mod pyramid;
 mod radiosity;
 mod render;
+mod trace;
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
@@ -38,6 +39,8 @@ enum Command {
     Render(render::Arguments),
     /// Run several integrators on a scene, and show on one page how wrong each still is.
     Compare(compare::Arguments),
+    /// Tell what became of one path, vertex by vertex.
+    Trace(trace::Arguments),
     /// Measure how far apart two images are.
     Diff(diff::Arguments),
     /// Check that a material is what it claims to be, and draw its lobe.
@@ -87,6 +90,7 @@ fn main() -> ExitCode {
     let outcome = match Arguments::try_parse().map(|a| a.command) {
         Ok(Command::Render(a)) => render::run(&a),
         Ok(Command::Compare(a)) => compare::run(&a),
+        Ok(Command::Trace(a)) => trace::run(&a),
         Ok(Command::Diff(a)) => diff::run(&a),
         Ok(Command::Bsdf(a)) => bsdf::run(&a),
         Ok(Command::Capture(a)) => capture::run(&a),

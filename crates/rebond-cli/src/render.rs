@@ -159,7 +159,7 @@ fn finite(text: &str) -> Result<f32, String> {
     }
 }
 
-fn numbers<const N: usize>(text: &str, separator: &[char]) -> Option<[u32; N]> {
+pub fn numbers<const N: usize>(text: &str, separator: &[char]) -> Option<[u32; N]> {
     let parts: Option<Vec<u32>> = text.split(separator).map(|p| p.trim().parse().ok()).collect();
     parts?.try_into().ok()
 }

@@ -575,7 +575,17 @@ fn the_lecture_is_a_page_that_needs_nothing_else() {
     assert_eq!(names, written);
 
     let page = text(&bytes(&folder, "page/index.html"));
-    for section in ["monte-carlo", "ambient-occlusion", "direct", "direct-errors", "path-tracing"] {
+    for section in [
+        "direct",
+        "materials",
+        "radiosity",
+        "monte-carlo",
+        "ambient-occlusion",
+        "direct-errors",
+        "path-tracing",
+        "camera",
+        "both-ends",
+    ] {
         assert!(page.contains(&format!("<section id=\"{section}\"")), "{section}");
         assert!(object["sections"][section]["seconds"].as_f64() > Some(0.0), "{section}");
     }
@@ -638,6 +648,17 @@ fn the_lecture_is_a_page_that_needs_nothing_else() {
     assert!((paths["classes"]["sum_over_whole"].as_f64().expect("a number") - 1.0).abs() < 1e-5);
     let clamped: Vec<f64> = serde_json::from_value(paths["clamped"].clone()).expect("numbers");
     assert!(clamped.is_sorted() && clamped[0] > 0.0 && clamped[3] < 1.0, "{clamped:?}");
+    // Relit by the inverse, or solved anew by other means.
+    let relit = object["sections"]["radiosity"]["relight"]["largest_difference"].as_f64();
+    assert!(relit > Some(0.0) && relit < Some(1e-4), "{relit:?}");
+    let claims = &object["sections"]["materials"]["claims"];
+    for (material, right) in claims.as_object().expect("claims") {
+        let lecture = material.contains("lecture");
+        assert_eq!(right["conserves_energy"], !lecture, "{material}: {right}");
+        assert_eq!(right["reciprocal"], !lecture || material.contains("blinn"), "{material}: {right}");
+    }
+    let ends = &object["sections"]["both-ends"];
+    assert_eq!(ends["caustics"]["welch"]["passes"], true, "{ends}");
     // N rays for each of the segment before, but for those that left or were absorbed.
     let by_depth =
         |n: &str| -> Vec<f64> { serde_json::from_value(paths["recursion"][n]["by_depth"].clone()).expect("numbers") };
@@ -712,4 +733,43 @@ fn scenes_of_other_programs_are_opened_and_converted() {
     assert_eq!(image(&folder, "a.exr"), image(&folder, "b.exr"));
     let wrong = run(&folder, &["convert", "mine.toml", "mine.xml"]);
     assert!(wrong.status.code() == Some(2) && text(&wrong.stderr).contains("ends in .toml"));
+}
+
+/// What `trace` prints adds up to the film's sample, and its numbers are read back as they were.
+#[test]
+fn a_path_is_told_vertex_by_vertex() {
+    let folder = temporary();
+    let size = ["--size", "16x16", "--seed", "3", "--sample", "0"];
+    let trace = |more: &[&str]| run(&folder, &[&["trace", "cornell-box", "--pixel", "7,9"], &size[..], more].concat());
+    let object = json(&text(&trace(&["--json"]).stdout));
+    let vertices = object["vertices"].as_array().expect("vertices");
+    let number = |v: &Value| v.as_f64().expect("a number") as f32;
+    let rgb = |v: &Value| [0, 1, 2].map(|c| number(&v[c]));
+    let sum =
+        vertices.iter().map(|v| rgb(&v["contribution"])).fold([0.0_f32; 3], |s, v| [0, 1, 2].map(|c| s[c] + v[c]));
+    assert_eq!(sum, rgb(&object["sum"]));
+    assert!(vertices[0]["surface"]["material"].is_string() && vertices[0]["pdf"].is_null());
+    let alone =
+        ["cornell-box", "--crop", "7,9,1,1", "--engine", "scalar", "--spp", "1", "--size", "16x16", "--seed", "3"];
+    answer(&folder, &[&["render"][..], &alone, &["-o", "one.exr", "--quiet"]].concat());
+    assert_eq!(image(&folder, "one.exr").rgb(""), Some(vec![sum]));
+
+    let said = text(&trace(&[]).stdout);
+    let last = said.lines().last().expect("a line").strip_prefix("sum").expect("the sum").split_whitespace();
+    assert_eq!(last.map(|x| x.parse::<f32>().expect("a number")).collect::<Vec<_>>(), sum);
+
+    for (more, words) in [
+        (vec!["-i", "bidirectional"], "bidirectional does not tell of single paths"),
+        (vec!["-i", "radiosity"], "radiosity does not tell"),
+        (vec!["--pixel", "16,0"], "not in the picture"),
+    ] {
+        let arguments = if more[0] == "-i" {
+            [&["trace", "cornell-box", "--pixel", "7,9"][..], &more].concat()
+        } else {
+            [&["trace", "cornell-box"][..], &more, &["--size", "16x16"]].concat()
+        };
+        let output = run(&folder, &arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+        assert!(text(&output.stderr).contains(words), "{arguments:?}: {}", text(&output.stderr));
+    }
 }

@@ -100,7 +100,7 @@ impl Document {
     /// Reads a command-line argument `name` or `name:key=value,key=value` as the table
     /// `{ type = "name", key = value, … }`.
     ///
-    /// A value is `true`, `false`, a number, a list `[value,value]`, or else text.
+    /// A value is `true`, `false`, a number, a list `[value,value]`, or else text, whose brackets must match.
     pub fn parse_settings(text: &str) -> Result<Self, Error> {
         let document = Self { root: Node::default(), file: None, text: Some(text.to_string()) };
         let fail = |span: Span, message: String| Err(document.error_in(Some(span), String::new(), message));
@@ -288,6 +288,16 @@ fn split_list(text: &str, span: Span) -> Vec<Span> {
     parts
 }
 
+/// Whether every `[` has its `]`, as in the expression `L[DG]*E`.
+fn is_balanced(word: &str) -> bool {
+    let mut depth = 0_i32;
+    let never_below = word.bytes().all(|byte| {
+        depth += i32::from(byte == b'[') - i32::from(byte == b']');
+        depth >= 0
+    });
+    never_below && depth == 0
+}
+
 /// The value written there; `None` if its brackets do not match.
 fn settings_value(text: &str, span: Span, nesting: usize) -> Option<Node> {
     let word = &text[span.clone()];
@@ -308,7 +318,7 @@ fn settings_value(text: &str, span: Span, nesting: usize) -> Option<Node> {
             ("false", ..) => Value::Bool(false),
             (_, Ok(integer), _) => Value::Integer(integer),
             (_, _, Ok(float)) if number => Value::Float(float),
-            _ if word.contains(['[', ']']) => return None,
+            _ if !is_balanced(word) => return None,
             _ => Value::String(word.into()),
         }
     };

@@ -5,7 +5,7 @@ use super::page::{Findings, Picture};
 use super::workshop::{Shot, Stage, Workshop, png};
 use crate::Failure;
 use crate::judge::{Means, of_test, verdict};
-use rebond::film::{Film, Image};
+use rebond::film::Image;
 use serde_json::json;
 
 pub const SECTION: Section = Section {
@@ -37,26 +37,11 @@ fn points(workshop: &Workshop) -> Result<(Stage, u32), Failure> {
     Ok((stage, workshop.pick([4, 16, 64])))
 }
 
-/// A picture by its command, and its film.
-fn shot(
-    workshop: &Workshop,
-    stage: &Stage,
-    integrator: &str,
-    samples: u32,
-    [name, caption, alt]: [&str; 3],
-) -> Result<(Picture, Film), Failure> {
-    // What a lamp sends is bright.
-    let exposure = if integrator.ends_with("factor=le") { -3.0 } else { 0.0 };
-    let shot = Shot { exposure, ..Shot::new(integrator, samples) };
-    let (film, _) = workshop.film(stage, &shot)?;
-    Ok((workshop.picture(stage, &shot, &film, name, caption.into(), alt.into())?, film))
-}
-
 fn shadows(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
     out.heading("Point lights, with shadows and without");
     out.formula(r"L_o=\frac{I}{d^2}\,\frac{\rho}{\pi}\,V(x,\omega)\,(n\cdot\omega)");
     let (stage, samples) = points(workshop)?;
-    let one = |i, words| shot(workshop, &stage, i, samples, words);
+    let one = |i, words| workshop.shot(&stage, i, samples, words);
     let (without, a) = one(
         "direct:sampling=light,shadows=false",
         ["direct-no-shadows", "V = 1 everywhere", "Solids on a plane under three lights, without shadows"],
@@ -93,8 +78,7 @@ fn phong(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
     out.formula(r"L_o=\frac{I}{d^2}\,\frac{r+1}{2\pi}\,(\omega_o\cdot R(\omega))^r");
     let stage = workshop.stage("phong-lamp", workshop.pick([[48, 16], [480, 160], [960, 320]]))?;
     let samples = workshop.pick([4, 16, 64]);
-    let (picture, _) = shot(
-        workshop,
+    let (picture, _) = workshop.shot(
         &stage,
         "direct:sampling=light",
         samples,
@@ -118,12 +102,12 @@ fn linearity(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
     for i in 0..lights {
         let integrator = format!("direct:light={i}");
         let words = [format!("direct-light-{i}"), format!("light {i}"), format!("The solids under light {i} alone")];
-        let (picture, _) = shot(workshop, &stage, &integrator, samples, words.each_ref().map(String::as_str))?;
+        let (picture, _) = workshop.shot(&stage, &integrator, samples, words.each_ref().map(String::as_str))?;
         row.push(picture);
         parts.push(workshop.film(&stage, &Shot::new(&integrator, samples).independent(100 + i as u64))?.0);
     }
     let words = ["direct-all-lights", "all of them", "The solids under all three lights"];
-    row.push(shot(workshop, &stage, "direct", samples, words)?.0);
+    row.push(workshop.shot(&stage, "direct", samples, words)?.0);
     out.pictures(row);
     // The whole with random numbers of its own, so that nothing but expectations can agree.
     let whole = workshop.film(&stage, &Shot::new("direct", 4 * samples).independent(99))?.0;
@@ -156,7 +140,7 @@ fn factors(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
     {
         let integrator = format!("direct:sampling=light,light=0,factor={factor}");
         let words = [format!("direct-factor-{factor}"), caption.into(), format!("The factor {caption} alone")];
-        row.push(shot(workshop, &stage, &integrator, samples, words.each_ref().map(String::as_str))?.0);
+        row.push(workshop.shot(&stage, &integrator, samples, words.each_ref().map(String::as_str))?.0);
     }
     out.pictures(row);
     Ok(())
@@ -172,7 +156,7 @@ fn extended(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
     ] {
         let stage = workshop.stage(scene, size)?;
         let name = format!("direct-{scene}");
-        row.push(shot(workshop, &stage, "direct", workshop.pick([4, 32, 256]), [name.as_str(), caption, alt])?.0);
+        row.push(workshop.shot(&stage, "direct", workshop.pick([4, 32, 256]), [name.as_str(), caption, alt])?.0);
     }
     out.pictures(row);
     Ok(())
@@ -198,7 +182,7 @@ fn samplings(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
                 format!("{scene}, {sampling}"),
                 format!("Noise of {sampling} sampling on {what}"),
             ];
-            row.push(shot(workshop, &stage, &integrator, 16, words.each_ref().map(String::as_str))?.0);
+            row.push(workshop.shot(&stage, &integrator, 16, words.each_ref().map(String::as_str))?.0);
         }
         out.pictures(row);
     }

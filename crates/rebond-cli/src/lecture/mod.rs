@@ -3,11 +3,15 @@
 //! A section is one file: what it shows, as a [`Section`] in [`SECTIONS`], and a function that makes its [`Findings`].
 
 mod ambient_occlusion;
+mod both_ends;
+mod camera;
 mod direct;
 mod direct_errors;
+mod materials;
 mod monte_carlo;
 mod page;
 mod path_tracing;
+mod radiosity;
 mod workshop;
 
 pub use workshop::png;
@@ -34,8 +38,17 @@ struct Section {
 }
 
 /// The sections, in the lecture's order.
-const SECTIONS: &[Section] =
-    &[monte_carlo::SECTION, ambient_occlusion::SECTION, direct::SECTION, direct_errors::SECTION, path_tracing::SECTION];
+const SECTIONS: &[Section] = &[
+    direct::SECTION,
+    materials::SECTION,
+    radiosity::SECTION,
+    monte_carlo::SECTION,
+    ambient_occlusion::SECTION,
+    direct_errors::SECTION,
+    path_tracing::SECTION,
+    camera::SECTION,
+    both_ends::SECTION,
+];
 
 #[derive(Args)]
 pub struct Arguments {

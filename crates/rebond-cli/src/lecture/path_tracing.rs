@@ -2,7 +2,7 @@
 //! roulette, path by path.
 
 use super::Section;
-use super::page::{Findings, Picture};
+use super::page::Findings;
 use super::workshop::{Shot, Stage, Workshop};
 use crate::Failure;
 use crate::judge::{Means, of_test, verdict};
@@ -34,19 +34,6 @@ fn run(workshop: &Workshop) -> Result<Findings, Failure> {
 fn spheres(workshop: &Workshop) -> Result<(Stage, u32), Failure> {
     let stage = workshop.stage("cornell-spheres", workshop.pick([[24, 24], [192, 192], [512, 512]]))?;
     Ok((stage, workshop.pick([4, 64, 256])))
-}
-
-/// A picture by its command, and its film.
-fn shot(
-    workshop: &Workshop,
-    stage: &Stage,
-    integrator: &str,
-    samples: u32,
-    [name, caption, alt]: [&str; 3],
-) -> Result<(Picture, Film), Failure> {
-    let shot = Shot::new(integrator, samples);
-    let (film, _) = workshop.film(stage, &shot)?;
-    Ok((workshop.picture(stage, &shot, &film, name, caption.into(), alt.into())?, film))
 }
 
 /// Rays by segment: N^(d − 1) of them per camera ray, or at most one.
@@ -113,7 +100,7 @@ fn modes(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
     for mode in ["implicit", "explicit", "mis"] {
         let integrator = format!("path:mode={mode}");
         let words = [format!("path-{mode}"), mode.into(), format!("The box of spheres, {mode}")];
-        row.push(shot(workshop, &stage, &integrator, samples, words.each_ref().map(String::as_str))?.0);
+        row.push(workshop.shot(&stage, &integrator, samples, words.each_ref().map(String::as_str))?.0);
         let independent = Shot::new(&integrator, 4 * samples).independent(means.len() as u64 + 1);
         means.push(Means::of(&workshop.film(&stage, &independent)?.0));
     }
@@ -139,7 +126,7 @@ fn clamped(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
     out.text("At most p segments: p = 1, 2, 3, 4, and all. What is cut off is missing, so the first four are biased.");
     let (stage, samples) = spheres(workshop)?;
     let (mut row, mut brightness) = (Vec::new(), Vec::new());
-    let whole = shot(workshop, &stage, "path", samples, ["path-whole", "all", "The box of spheres"])?;
+    let whole = workshop.shot(&stage, "path", samples, ["path-whole", "all", "The box of spheres"])?;
     let mean = |film: &Film| film.mean()[1];
     for depth in 1..=4 {
         let integrator = format!("path:max_depth={depth}");
@@ -148,7 +135,7 @@ fn clamped(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
             format!("p = {depth}"),
             format!("The box of spheres by paths of at most {depth} segments"),
         ];
-        let (picture, film) = shot(workshop, &stage, &integrator, samples, words.each_ref().map(String::as_str))?;
+        let (picture, film) = workshop.shot(&stage, &integrator, samples, words.each_ref().map(String::as_str))?;
         brightness.push(mean(&film) / mean(&whole.1));
         row.push(picture);
     }
@@ -226,7 +213,7 @@ fn classes(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
     ] {
         let integrator = format!("path:paths={paths}");
         let words = [format!("path-{name}"), format!("{caption}: {paths}"), format!("The box of spheres, {caption}")];
-        let (picture, film) = shot(workshop, &stage, &integrator, samples, words.each_ref().map(String::as_str))?;
+        let (picture, film) = workshop.shot(&stage, &integrator, samples, words.each_ref().map(String::as_str))?;
         row.push(picture);
         numbers.insert(name.into(), film.mean()[1].into());
         // Caustics are in the others too.
@@ -255,7 +242,7 @@ fn growing(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
             format!("{samples} paths per pixel"),
             format!("The box of spheres with the noise of {samples} paths per pixel"),
         ];
-        row.push(shot(workshop, &stage, "path", samples, words.each_ref().map(String::as_str))?.0);
+        row.push(workshop.shot(&stage, "path", samples, words.each_ref().map(String::as_str))?.0);
     }
     out.pictures(row);
     Ok(())

@@ -9,7 +9,7 @@ use rebond::integrators::IntegratorSettings;
 use rebond::render::{Budget, Engine, Region, RenderStatistics, render};
 use rebond::sampling::{Sampler, SamplerSettings};
 use rebond::scene::Scene;
-use rebond_io::{ImageFormat, PngOptions, SceneSource, from_settings, write_image};
+use rebond_io::{BUILT_IN_SCENES, ImageFormat, PngOptions, SceneFiles, SceneSource, from_settings, write_image};
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -118,6 +118,15 @@ impl Workshop {
         Ok(Stage { source, scene })
     }
 
+    /// A built-in scene, its text changed in one place.
+    pub fn stage_changed(&self, scene: &str, from: &str, to: &str) -> Result<Stage, Failure> {
+        let built_in = BUILT_IN_SCENES.iter().find(|b| b.name == scene && b.text.contains(from));
+        let built_in = built_in.ok_or_else(|| Failure::Run(format!("the scene {scene} has no \"{from}\"")))?;
+        let source = SceneSource::parse(&built_in.text.replace(from, to), scene, scene, SceneFiles::BuiltIn)?;
+        let scene = source.build()?;
+        Ok(Stage { source, scene })
+    }
+
     /// Renders.
     pub fn film(&self, stage: &Stage, shot: &Shot) -> Result<(Film, RenderStatistics), Failure> {
         let settings: IntegratorSettings = from_settings(shot.integrator)?.0;
@@ -138,6 +147,21 @@ impl Workshop {
         progress.finish();
         self.dropped.fetch_add(film.dropped_samples(), Ordering::Relaxed);
         if statistics.interrupted || is_interrupted() { Err(Failure::Interrupted) } else { Ok((film, statistics)) }
+    }
+
+    /// A picture by its command, and its film: name, caption and alternative text are given.
+    pub fn shot(
+        &self,
+        stage: &Stage,
+        integrator: &str,
+        samples: u32,
+        [name, caption, alt]: [&str; 3],
+    ) -> Result<(Picture, Film), Failure> {
+        // What a lamp sends is bright.
+        let exposure = if integrator.ends_with("factor=le") { -3.0 } else { 0.0 };
+        let shot = Shot { exposure, ..Shot::new(integrator, samples) };
+        let (film, _) = self.film(stage, &shot)?;
+        Ok((self.picture(stage, &shot, &film, name, caption.into(), alt.into())?, film))
     }
 
     /// A film as a picture, with the command that makes the same.

@@ -353,6 +353,8 @@ fn reads_settings() {
         ("path:max_depth=x", 16, "expected a whole number, found the text \"x\""),
         ("path:clamp=nan", 12, "`nan`"),
         ("path:tint=[1,[2]", 11, "brackets that do not match"),
+        ("path:mode=a]b[", 11, "brackets that do not match"),
+        ("path:mode=L[DG]*E", 11, "unknown value \"L[DG]*E\""),
         ("path:tint=[1,a]", 14, "expected a number, found the text \"a\""),
         ("päth:moed=é", 1, "unknown type \"päth\""),
     ] {

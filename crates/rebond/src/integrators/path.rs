@@ -20,6 +20,7 @@
 use super::IntegratorError;
 use crate::bsdf::TransportMode;
 use crate::emitter::LightSampling;
+use crate::render::journal::{Journal, Weight};
 use crate::render::{Bounce, PathExpression, PathState, Shade, ShadowRay};
 use crate::scene::{Scene, is_hit};
 use crate::transport::{Roulette, power_heuristic};
@@ -152,7 +153,20 @@ const ROULETTE: u32 = 5;
 const PER_BOUNCE: u32 = 6;
 
 impl<const SOLID_ANGLE: bool> Shade for Path<SOLID_ANGLE> {
+    #[inline(always)]
     fn shade<F: Real>(&self, scene: &Scene, path: &mut PathState<F>, hit: &Hit<F>, active: F::Mask) -> Bounce<F> {
+        self.shade_telling(scene, path, hit, active, &mut ())
+    }
+
+    #[inline(always)]
+    fn shade_telling<F: Real>(
+        &self,
+        scene: &Scene,
+        path: &mut PathState<F>,
+        hit: &Hit<F>,
+        active: F::Mask,
+        journal: &mut impl Journal,
+    ) -> Bounce<F> {
         let u = path.dimensions(PER_BOUNCE);
         let found = active & is_hit(hit);
         let origin = path.origin();
@@ -161,7 +175,9 @@ impl<const SOLID_ANGLE: bool> Shade for Path<SOLID_ANGLE> {
         let escaped = active.and_not(found);
         if escaped.any() {
             for (radiance, light_pdf) in scene.surroundings(origin, path.normal(), path.direction()) {
-                path.add(radiance * self.weight_found(path.pdf, || light_pdf), escaped);
+                let weight = self.weight_found(path.pdf, || light_pdf);
+                journal.last(|vertex| vertex.weights.push(Weight::of(true, path.pdf, light_pdf, weight)));
+                path.add(radiance * weight, escaped);
             }
         }
         if found.none() {
@@ -173,8 +189,11 @@ impl<const SOLID_ANGLE: bool> Shade for Path<SOLID_ANGLE> {
         let emission = scene.emitted(&surface, found);
         let lit = found & emission.is_lit();
         if lit.any() {
-            let weight = self
-                .weight_found(path.pdf, || scene.light_pdf(origin, path.normal(), &surface, Self::LIGHT_SAMPLING, lit));
+            let light_pdf = || scene.light_pdf(origin, path.normal(), &surface, Self::LIGHT_SAMPLING, lit);
+            let weight = self.weight_found(path.pdf, light_pdf);
+            if lit.bits() & 1 == 1 {
+                journal.last(|vertex| vertex.weights.push(Weight::of(true, path.pdf, light_pdf(), weight)));
+            }
             path.add(emission * weight, lit);
         }
         let going_on = found & path.depth.lt(F::Index::splat(self.max_depth));
@@ -200,6 +219,9 @@ impl<const SOLID_ANGLE: bool> Shade for Path<SOLID_ANGLE> {
         {
             let value = bsdf.eval(surface.wo, light.wi, TransportMode::Radiance, diffuse);
             let weight = self.weight_drawn(light.pdf.0, value.pdf.0);
+            if diffuse.bits() & 1 == 1 {
+                journal.last(|vertex| vertex.weights.push(Weight::of(false, light.pdf.0, value.pdf.0, weight)));
+            }
             let cos = bsdf.normal().dot(light.wi).abs();
             let contribution = path.throughput() * value.f * light.weight * (cos * weight);
             let event = bsdf.event(surface.wo, light.wi);
@@ -217,6 +239,9 @@ impl<const SOLID_ANGLE: bool> Shade for Path<SOLID_ANGLE> {
         let gambles = alive.and_not(path.depth.lt(F::Index::splat(self.rr_depth)));
         if gambles.any() {
             let survival = self.roulette.survival(self.survival, next.weight, path.throughput() * path.eta_squared);
+            if gambles.bits() & 1 == 1 {
+                journal.last(|vertex| vertex.survival = Some(survival.lane(0)));
+            }
             let dies = gambles & u.value(ROULETTE).ge(survival);
             alive = alive.and_not(dies);
             path.scale(F::select(gambles, survival.recip(), F::one()));

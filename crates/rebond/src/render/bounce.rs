@@ -1,8 +1,10 @@
 //! One bounce of camera paths: what both engines do between a ray and the next.
 
+use super::journal::{Asked, Journal, Vertex};
 use super::path_classes::PathClasses;
 use super::path_state::{PathState, Shade};
-use crate::math::Rgb;
+use crate::bsdf::Event;
+use crate::math::{Rgb, vec3};
 use crate::scene::Scene;
 use rebond_bvh::Trace;
 use rebond_lanes::{Index, Mask};
@@ -16,7 +18,8 @@ pub struct Bounced<F: Trace> {
 }
 
 /// Traces the rays of the `active` lanes, lets the estimator handle what they hit, and traces its shadow rays. Light counts only
-/// if it is of a class that is wanted; `deposit` is told of all that counts, with its layer's number + 1.
+/// if it is of a class that is wanted; `deposit` is told of all that counts, with its layer's number + 1, and the
+/// journal of the first lane.
 #[inline(always)]
 pub fn bounce<F: Trace>(
     scene: &Scene,
@@ -26,11 +29,13 @@ pub fn bounce<F: Trace>(
     active: F::Mask,
     coherent: bool,
     mut deposit: impl FnMut(&PathState<F>, F::Index, Rgb<F>),
+    journal: &mut impl Journal,
 ) -> Bounced<F> {
     let gathered = path.radiance();
     path.set_radiance(Rgb::black());
     let hit = scene.intersect(&path.ray(), active, coherent);
-    let bounce = shade.shade(scene, path, &hit, active);
+    journal.write(|vertices| vertices.push(Vertex::new(scene, path, &hit)));
+    let bounce = shade.shade_telling(scene, path, &hit, active, journal);
     if let Some(classes) = classes {
         // What the estimator added came along the present ray.
         let layer = classes.light::<F>(path.class);
@@ -38,6 +43,7 @@ pub fn bounce<F: Trace>(
         path.set_radiance(light);
         deposit(path, layer, light);
     }
+    journal.last(|vertex| vertex.found = path.radiance().lane(0));
     let mut shadow_rays = F::Mask::splat(false);
     if let Some(shadow) = bounce.shadow {
         let mut layer = F::Index::splat(0);
@@ -51,16 +57,33 @@ pub fn bounce<F: Trace>(
         shadow_rays = shadow_rays & shadow.ray.tmax.gt(F::zero());
         let blocked = scene.occluded(&shadow.ray, shadow_rays);
         let light = shadow.contribution.masked(wanted.and_not(blocked));
+        if wanted.bits() & 1 == 1 {
+            journal.last(|vertex| {
+                let [x, y, z] = shadow.ray.d;
+                let (d, infinite) = (vec3(x, y, z), shadow.ray.tmax.is_finite().bits() & 1 == 0);
+                let length = d.length_squared().sqrt();
+                vertex.asked = Some(Asked {
+                    direction: (d * length.recip()).lane(0),
+                    distance: if infinite { f32::INFINITY } else { length.lane(0) },
+                    light: shadow.contribution.lane(0),
+                    blocked: blocked.bits() & 1 == 1,
+                });
+            });
+        }
         path.set_radiance(path.radiance() + light);
         if classes.is_some() {
             deposit(path, layer, light);
         }
     }
+    journal.last(|vertex| vertex.contribution = path.radiance().lane(0));
     path.set_radiance(gathered + path.radiance());
     let mut alive = bounce.alive & active;
     if let Some(classes) = classes {
         path.class = classes.step::<F>(path.class, bounce.event);
         alive = alive & classes.may_count::<F>(path.class);
+    }
+    if alive.bits() & 1 == 1 {
+        journal.last(|vertex| vertex.event = Event::ALL.get(bounce.event.lane(0) as usize).copied());
     }
     Bounced { alive, shadow_rays }
 }

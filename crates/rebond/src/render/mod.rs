@@ -4,6 +4,7 @@ mod adaptive;
 mod bounce;
 mod budget;
 mod in_order;
+pub mod journal;
 pub mod path_classes;
 mod path_state;
 mod scalar;
@@ -13,6 +14,7 @@ mod wavefront;
 pub use adaptive::Share;
 pub use budget::{Budget, RenderStatistics, render};
 pub(crate) use in_order::in_order;
+pub use journal::Story;
 pub use path_classes::{PathClasses, PathExpression, PathLayer};
 pub use path_state::{Bounce, Dimensions, PathState, Shade, ShadowRay};
 pub(crate) use tiles::{Sample, Samples, TILE, Tiles};
@@ -144,6 +146,12 @@ pub trait Integrator: Sync {
     /// What it counted so far beside samples and rays, by name.
     fn counts(&self) -> Vec<(&'static str, u64)> {
         Vec::new()
+    }
+
+    /// Traces one sample of a pixel of a picture so wide, and tells what became of it; `None` by those that cannot.
+    fn tell(&self, pixel: [u32; 2], full_width: u32, sample: u32) -> Option<Story> {
+        let _ = (pixel, full_width, sample);
+        None
     }
 }
 

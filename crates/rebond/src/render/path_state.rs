@@ -1,5 +1,6 @@
 //! A camera path under way, and the one function that an estimator is: its [`Shade`].
 
+use super::journal::Journal;
 use super::path_classes::PathClasses;
 use crate::bsdf::BsdfSample;
 use crate::emitter::EmitterSample;
@@ -14,6 +15,20 @@ pub trait Shade: Sync {
     /// Handles what the rays of the `active` lanes hit: adds emission to the path, proposes a shadow ray with the light
     /// that it would bring, and turns the path into its next ray.
     fn shade<F: Real>(&self, scene: &Scene, path: &mut PathState<F>, hit: &Hit<F>, active: F::Mask) -> Bounce<F>;
+
+    /// The same, its weights told to a journal by estimators that have some.
+    #[inline(always)]
+    fn shade_telling<F: Real>(
+        &self,
+        scene: &Scene,
+        path: &mut PathState<F>,
+        hit: &Hit<F>,
+        active: F::Mask,
+        journal: &mut impl Journal,
+    ) -> Bounce<F> {
+        let _ = journal;
+        self.shade(scene, path, hit, active)
+    }
 }
 
 /// What a bounce asks of the engine.

@@ -120,11 +120,12 @@ impl<'a, S: Shade> Worker<'a, S> {
         let depth = path.depth;
         let open = &mut self.open;
         let classes = engine.classes.as_ref();
-        let step = bounce(engine.scene, &engine.shade, classes, &mut path, active, coherent, |path, layer, light| {
+        let deposit = |path: &PathState<F32x16>, layer: <F32x16 as Real>::Index, light: Rgb<F32x16>| {
             if classes.is_some_and(|c| c.layers() > 0) {
                 deposit(open, path, layer, light);
             }
-        });
+        };
+        let step = bounce(engine.scene, &engine.shade, classes, &mut path, active, coherent, deposit, &mut ());
         let mut left = active;
         while left.any() {
             let first = depth.lane(left.bits().trailing_zeros() as usize % LANES);

@@ -161,6 +161,11 @@ impl Scene {
         &self.light_sampler
     }
 
+    /// The name that the description gives a material, if it does.
+    pub fn material_name(&self, material: u32) -> Option<&str> {
+        self.names.materials.iter().find(|(number, _)| *number == material).map(|(_, name)| &**name)
+    }
+
     /// What it is made of.
     pub fn statistics(&self) -> &SceneStatistics {
         &self.statistics

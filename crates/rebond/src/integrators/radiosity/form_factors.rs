@@ -109,7 +109,7 @@ impl Samples {
         }
     }
 
-    /// The share of light that gets through. Where no ray saw both fronts there is next to none.
+    /// The share of light that gets through: 1 where no ray saw both fronts, since next to no light is on its way there.
     pub fn visibility(&self) -> f32 {
         if self.all > 0.0 { self.seen / self.all } else { 1.0 }
     }
