@@ -58,6 +58,7 @@ pub fn read_pbrt(text: &str, file: &str, folder: &Path, options: ImportOptions) 
         group: None,
         camera: None,
         materials: 0,
+        cut: 0,
     };
     importer.scene.film =
         rebond::scene::description::FilmDescription { width: 1280, height: 720, ..Default::default() };
@@ -131,6 +132,8 @@ struct Importer<'a> {
     group: Option<(String, Vec<ShapeDescription>)>,
     camera: Option<(String, Parameters, Spot, DMat4)>,
     materials: usize,
+    /// Triangles made by cutting so far.
+    cut: usize,
 }
 
 impl Importer<'_> {

@@ -12,8 +12,8 @@ use std::f64::consts::{PI, TAU};
 
 /// Cuts of a bilinear patch along each side.
 const CUTS: usize = 16;
-/// Triangles that subdivision may come to.
-const MOST_TRIANGLES: usize = 1 << 24;
+/// Triangles that subdivision and patches may come to in a scene.
+const MOST_TRIANGLES: usize = 1 << 20;
 
 impl Importer<'_> {
     pub fn shape(&mut self) -> Result<()> {
@@ -81,7 +81,9 @@ impl Importer<'_> {
                 }
                 if kind == "loopsubdiv" {
                     let levels = self.count(&p, "levels", 3)?;
-                    mesh = subdivided(mesh, levels).map_err(|message| self.error(at, message))?;
+                    let times = 4_usize.checked_pow(levels).unwrap_or(usize::MAX);
+                    self.cut(mesh.triangles.len().saturating_mul(times), at)?;
+                    mesh = subdivided(mesh, levels);
                 }
                 let file = self.assets.add_mesh("mesh", mesh);
                 ply(file, m)
@@ -111,6 +113,17 @@ impl Importer<'_> {
         };
         self.finish(&p, &format!("the shape \"{kind}\""))?;
         self.push(at, shape);
+        Ok(())
+    }
+
+    /// Counts triangles that stand in no file.
+    fn cut(&mut self, triangles: usize, at: Spot) -> Result<()> {
+        self.cut = self.cut.saturating_add(triangles);
+        if self.cut > MOST_TRIANGLES {
+            return Err(
+                self.error(at, format!("subdivision and patches would come to more than {MOST_TRIANGLES} triangles"))
+            );
+        }
         Ok(())
     }
 
@@ -161,6 +174,7 @@ impl Importer<'_> {
             }
         }
         if corners == 4 {
+            self.cut(order.len() / 4 * 2 * CUTS * CUTS, at)?;
             return Ok(patches(&positions, normals.as_deref(), uvs.as_deref(), &order));
         }
         let triangles = order.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect();
@@ -209,11 +223,8 @@ fn patches(positions: &[[f32; 3]], normals: Option<&[[f32; 3]]>, uvs: Option<&[[
 }
 
 /// Loop's subdivision (1987), its points then moved to the limit surface (Hoppe et al. 1994), with smooth normals.
-fn subdivided(mut mesh: MeshData, levels: u32) -> Result<MeshData, String> {
+fn subdivided(mut mesh: MeshData, levels: u32) -> MeshData {
     for _ in 0..levels {
-        if mesh.triangles.len() > MOST_TRIANGLES / 4 {
-            return Err(format!("subdivision would come to more than {MOST_TRIANGLES} triangles"));
-        }
         let around = Neighbours::of(&mesh);
         let old = |i: u32| Vec3::from(mesh.positions[i as usize]);
         let even = |(i, edge): (usize, &Rim)| {
@@ -262,7 +273,7 @@ fn subdivided(mut mesh: MeshData, levels: u32) -> Result<MeshData, String> {
     mesh.positions = around.rims.iter().enumerate().map(|r| limit(r).to_array()).collect();
     mesh.uvs = None;
     mesh.normals = Some(mesh.smooth_normals());
-    Ok(mesh)
+    mesh
 }
 
 /// A neighbour's weight, by their number.
@@ -381,7 +392,7 @@ mod tests {
         let cell = |i: u32| [[i, i + 1, i + 5], [i + 1, i + 6, i + 5]];
         let triangles = (0..4).flat_map(|y| (0..4).flat_map(move |x| cell(5 * y + x))).collect();
         let flat = MeshData { positions, triangles, ..MeshData::default() };
-        let fine = subdivided(flat.clone(), 2).expect("small");
+        let fine = subdivided(flat.clone(), 2);
         assert_eq!(fine.triangles.len(), 32 * 16);
         assert!(fine.positions.iter().all(|p| p[2] == 0.0));
         let [a, b] = [&flat, &fine].map(|m| Vec3::from(m.positions[12]));
@@ -397,9 +408,8 @@ mod tests {
         ];
         let triangles = vec![[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]];
         let solid = MeshData { positions, triangles, ..MeshData::default() };
-        let corner = |levels: u32| subdivided(solid.clone(), levels).expect("small").positions[0][0];
+        let corner = |levels: u32| subdivided(solid.clone(), levels).positions[0][0];
         assert!((corner(0) - 0.5).abs() < 1e-6 && (corner(3) - 0.5).abs() < 1e-5, "{} {}", corner(0), corner(3));
-        assert!(subdivided(solid, 20).is_err());
     }
 
     #[test]

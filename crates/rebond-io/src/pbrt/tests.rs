@@ -265,6 +265,9 @@ fn mistakes_have_their_places() {
         fails("Shape \"trianglemesh\" \"point3 P\" [0 0 0 1 0 0 0 1 0] \"integer indices\" [0 1 3]").1,
         "an index that is none of the 3 points"
     );
+    let fine =
+        "Shape \"loopsubdiv\" \"integer levels\" 30 \"point3 P\" [0 0 0 1 0 0 0 1 0] \"integer indices\" [0 1 2]";
+    assert!(fails(fine).1.contains("would come to more than"), "{}", fails(fine).1);
     assert!(strict("WorldBegin").is_err_and(|e| e.message == "the scene has no Camera"));
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("b.pbrt"), "Include \"b.pbrt\" Include \"b.pbrt\"").expect("a file");
