@@ -21,6 +21,7 @@ pub struct Bounced<F: Trace> {
 /// if it is of a class that is wanted; `deposit` is told of all that counts, with its layer's number + 1, and the
 /// journal of the first lane.
 #[inline(always)]
+#[expect(clippy::too_many_arguments)]
 pub fn bounce<F: Trace>(
     scene: &Scene,
     shade: &impl Shade,
