@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """rebond beside smallpt, Kevin Beason's path tracer in 99 lines, on smallpt's own scene.
 
-    python3 run.py --smallpt PATH/smallpt.cpp [--size 256x192] [--seconds 4] [--rounds 5] [--reference 60] [--save NAME]
+    python3 run.py --smallpt PATH/smallpt.cpp [--integrator path] [--size 256x192] [--seconds 4] [--rounds 5] [--reference 60] [--save NAME]
 
 Compiles the program whose source is given (-O3, OpenMP), renders its scene with both in turns for about the same time, and
 prints samples per second, relMSE and 1 / (relMSE x time). README.md says what is changed in a copy of the source, and how
@@ -86,7 +86,7 @@ def run_rebond(args, seed, folder, spp=None, seconds=None):
     file.write_text(scene)
     command = [args.rebond, "render", file, "--size", f"{args.size[0]}x{args.size[1]}", "--seed", seed]
     command += ["--spp", spp] if spp else ["--time", f"{seconds}s"]
-    command += ["--threads", args.threads, "--json", "--quiet", "-o", picture]
+    command += ["-i", args.integrator, "--threads", args.threads, "--json", "--quiet", "-o", picture]
     out = subprocess.run([str(c) for c in command], check=True, stdout=subprocess.PIPE, text=True).stdout
     found = json.loads(out)
     with picture.open("rb") as f:
@@ -111,6 +111,7 @@ def size(text):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--smallpt", type=Path, required=True, help="smallpt.cpp, as it was published")
+    parser.add_argument("--integrator", default="path", help="what rebond renders with (default path)")
     parser.add_argument("--size", type=size, default=(256, 192), metavar="WxH")
     parser.add_argument("--seconds", type=float, default=4, help="what each rendering takes, about (default 4)")
     parser.add_argument("--rounds", type=int, default=5)
@@ -154,7 +155,7 @@ def main():
     value = {n: median(n, lambda x: 1 / (x["rel_mse"] * x["seconds"])) for n in rate}
     between = rel_mse(theirs, ours)
     mean = [float(x) for x in theirs.mean(axis=(0, 1)) / ours.mean(axis=(0, 1)) - 1]
-    print(f"{args.size[0]}x{args.size[1]}, {args.threads} threads, {args.rounds} rounds, medians; load before: {load[0]:.2f}")
+    print(f"{args.integrator}: {args.size[0]}x{args.size[1]}, {args.threads} threads, {args.rounds} rounds, medians; load before: {load[0]:.2f}")
     print(f"{'':10}{'M samples/s':>13}{'relMSE':>12}{'to the other':>14}{'1/(relMSE s)':>14}")
     for n in ("rebond", "smallpt"):
         print(f"{n:10}{rate[n]:13.3f}{error[n]:12.3e}{other[n]:14.3e}{value[n]:14.2f}")
@@ -163,6 +164,7 @@ def main():
     print("mean of smallpt's over rebond's, less 1: " + ", ".join(f"{x:+.4f}" for x in mean))
     if args.save:
         raw = {"date": str(datetime.date.today()), **machine(), "load_before": load, "flags": args.flags, "size": args.size}
+        raw |= {"integrator": args.integrator}
         raw |= {"threads": args.threads, "reference_spp": {"rebond": our_spp, "smallpt": reference_spp}}
         raw |= {"between_references": between, "mean_ratio_less_1": mean, "rounds": rounds}
         path = HERE / "results" / f"{datetime.date.today()}-{args.save}.json"
