@@ -103,6 +103,36 @@ fn photons_lie_evenly() {
     });
 }
 
+/// Light of one room is not looked up in the next, however far its photons are from there.
+#[test]
+fn a_dark_room_stays_dark() {
+    let source = parse(
+        r#"
+        film = { width = 16, height = 16 }
+        camera = { type = "perspective", fov = 70, to_world.look_at = { origin = [2.5, 0, 0.9], target = [2.5, 0, -1], up = [0, 1, 0] } }
+        materials = { grey = { type = "diffuse", reflectance = 0.7 } }
+        [[shapes]]
+        type = "cube"
+        flip_normals = true
+        material = "grey"
+        [[shapes]]
+        type = "cube"
+        flip_normals = true
+        material = "grey"
+        to_world = [{ translate = [2.5, 0, 0] }]
+        [[shapes]]
+        type = "sphere"
+        radius = 0.2
+        emission = 10
+        "#,
+    );
+    for more in ["", ",precompute=true"] {
+        let text = format!("photon:photons=20000,nearest=50,radius=0.1,gather=4{more}");
+        let picture = pixels(&film(&source, &text, &Job::default()));
+        assert!(picture.iter().flatten().all(|x| *x == 0.0), "{text}");
+    }
+}
+
 fn pixels(film: &Film) -> Vec<[f32; 3]> {
     film.values().map(|v| v.mean.map(|x| x as f32)).collect()
 }
@@ -185,6 +215,8 @@ fn settings_that_make_no_sense_are_refused() {
     let scene = small("cornell-box", [4, 4]).build().expect("a good scene");
     for (text, part) in [
         ("photon:nearest=0", "no end"),
+        ("photon:nearest=1", "leaves nothing"),
+        ("photon:progressive=true,radius=1e-30", "no area"),
         ("photon:radius=-1", "not above 0"),
         ("photon:progressive=true,alpha=1", "between 0 and 1"),
         ("photon:progressive=true,gather=8", "gather is a matter of one map"),

@@ -162,6 +162,10 @@ fn check_radius(radius: Option<f32>, alpha: f32) -> Result<(), IntegratorError> 
     if let Some(radius) = radius.filter(|r| !(*r > 0.0 && r.is_finite())) {
         return error(format!("radius = {radius} is not above 0"), "give one in the units of the scene");
     }
+    if let Some(radius) = radius.filter(|r| !(r * r).is_normal()) {
+        let message = format!("radius = {radius:e} has no area that can be told");
+        return error(message, "give one nearer to the size of what the scene has");
+    }
     if !(alpha > 0.0 && alpha < 1.0) {
         return error(format!("alpha = {alpha} is not between 0 and 1"), "give one such as 0.7");
     }

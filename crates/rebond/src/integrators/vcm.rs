@@ -650,13 +650,15 @@ impl Integrator for Vcm<'_> {
         let camera = self.scene.camera();
         for iteration in pass.samples.clone() {
             // No walk has this number. What is merged must be at the same time.
-            let u = light_dimensions::<f32>(&self.sampler, Index1(u32::MAX), Index1(iteration), 0);
+            let u = light_dimensions::<f32>(&self.sampler, Index1(iteration), Index1(u32::MAX), 0);
             let moment = if camera.has_shutter() { u.value(MOMENT) } else { 0.0 };
             let radius = shrunk(self.first_radius, self.alpha, iteration);
             let one = Pass { samples: iteration..iteration + 1, shares: None, ..pass.clone() };
             let all = Tiles::new(film, &one, observer).count();
-            for first in (0..all).step_by(BAND as usize) {
-                let tiles = first..all.min(first + BAND);
+            // Of one size, so that none has few particles.
+            let band = all.div_ceil(all.div_ceil(BAND).max(1)).max(1);
+            for first in (0..all).step_by(band as usize) {
+                let tiles = first..all.min(first + band);
                 let paths = Tiles::new(film, &one, observer).pixels(tiles.clone()) as f32;
                 let area = PI * radius * radius * paths;
                 let eta = if self.merges() { area } else { 0.0 };

@@ -110,13 +110,13 @@ impl PointTree {
         radius
     }
 
-    /// The nearest that passes, within a squared distance: its place.
-    pub fn nearest_where(&self, p: [f32; 3], most: f32, passes: impl Fn(usize) -> bool) -> Option<usize> {
+    /// The nearest that passes, within a squared distance: its place and its squared distance.
+    pub fn nearest_where(&self, p: [f32; 3], most: f32, passes: impl Fn(usize) -> bool) -> Option<(usize, f32)> {
         let mut best = None;
         self.visit(p, most, |place, d2, within| {
             if d2 < *within && passes(place) {
                 *within = d2;
-                best = Some(place);
+                best = Some((place, d2));
             }
         });
         best
@@ -231,8 +231,9 @@ mod tests {
                     assert_eq!(radius, if expected.len() < k { most } else { got[k - 1] });
                 }
                 let even = |place: usize| tree.order[place].is_multiple_of(2);
-                let nearest =
-                    tree.nearest_where(q, f32::INFINITY, even).map(|place| d2(&points[tree.order[place] as usize]));
+                let nearest = tree
+                    .nearest_where(q, f32::INFINITY, even)
+                    .map(|(place, _)| d2(&points[tree.order[place] as usize]));
                 let expected = points.iter().step_by(2).map(d2).min_by(f32::total_cmp);
                 assert_eq!(nearest, expected);
             }

@@ -22,8 +22,9 @@ const ENDING: Ending = Ending { roulette: Roulette::Albedo, survival: 0.95, rr_d
 const JOB: u32 = 1024;
 /// Jobs between two looks at how many photons there are.
 const ROUND: u32 = 256;
-/// Photons after which no further walk is begun, and N is what was begun: 1.1 GB in their tree, thrice that while it is filled.
-const MOST: u64 = 1 << 24;
+/// Photons after which no further walk is begun, and N is what was begun. In their tree they take 76 bytes or up to twice that,
+/// more than twice as much while it is filled: with twice this number 6 GB were measured.
+const MOST: u64 = 1 << 23;
 
 /// Which photons are kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -106,7 +106,7 @@ impl PhotonMap {
         let n = bsdf.normal();
         if bsdf.model() == Model::Diffuse {
             let f = bsdf.eval(surface.wo, n, TransportMode::Radiance, true).f;
-            if let Some(found) = self.known_irradiance(p, surface.ng.facing(surface.wo)) {
+            if let Some(found) = self.known_irradiance(p, surface.ng.facing(surface.wo), how) {
                 return Found { light: f * found.light, ..found };
             }
             if (n - surface.ng.facing(n)).max_abs() == 0.0 {
@@ -123,12 +123,13 @@ impl PhotonMap {
         })
     }
 
-    fn known_irradiance(&self, p: [f32; 3], n: Vec3<f32>) -> Option<Found> {
+    /// What was computed at the nearest photon of such a surface, if p lies within the disk of that estimate.
+    fn known_irradiance(&self, p: [f32; 3], n: Vec3<f32>, how: &Estimate) -> Option<Found> {
         let irradiance = self.irradiance.as_ref()?;
         let same_side = |place: usize| irradiance.known[place].1.dot(n) > SAME_SIDE;
-        let place = irradiance.tree.nearest_where(p, f32::INFINITY, same_side)?;
+        let (place, d2) = irradiance.tree.nearest_where(p, how.most, same_side)?;
         let (light, _, squared_radius) = irradiance.known[place];
-        Some(Found { light: Rgb::splat(light), squared_radius })
+        (d2 < squared_radius).then_some(Found { light: Rgb::splat(light), squared_radius })
     }
 
     /// ```text

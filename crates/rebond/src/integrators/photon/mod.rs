@@ -147,6 +147,10 @@ impl PhotonSettings {
             }
             return Ok(Box::new(progressive::Progressive::new(self, scene, sampler, engine)));
         }
+        if self.nearest == 1 {
+            let message = "nearest = 1 leaves nothing: the last of an estimate only says how wide it is".to_owned();
+            return error(message, "give nearest=N of at least 2, or 0 and a radius");
+        }
         if self.nearest == 0 && self.radius.is_none() {
             let message = "without a number of nearest photons an estimate has no end".to_owned();
             return error(message, "give radius=R, in the units of the scene, or nearest=N");

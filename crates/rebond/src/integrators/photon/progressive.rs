@@ -138,7 +138,7 @@ impl Integrator for Progressive<'_> {
         for iteration in pass.samples.clone() {
             let camera = self.scene.camera();
             // No walk has this number.
-            let u = light_dimensions::<f32>(&self.sampler, Index1(u32::MAX), Index1(iteration), 0);
+            let u = light_dimensions::<f32>(&self.sampler, Index1(iteration), Index1(u32::MAX), 0);
             let moment = if camera.has_shutter() { u.value(MOMENT) } else { 0.0 };
             let (scene, sampler, engine, max_depth) = (self.scene, self.sampler, self.engine, self.max_depth);
             let emission = Emission { scene, sampler, engine, max_depth, keep: Keep::Indirect };
