@@ -4,7 +4,8 @@
 //! and where everything came from. What rebond has no equal for is an error at its place, or, if the import is to be lenient, a
 //! warning there.
 
-use crate::error::{Error, Place};
+use crate::document::{Span, place_of};
+use crate::error::Error;
 use glam::DMat4;
 use rebond::film::Image;
 use rebond::scene::SceneDescription;
@@ -40,14 +41,28 @@ pub struct Imported {
 
 /// Where the parts of a description came from: paths in the description, such as `shapes[3].material`, with their places.
 #[derive(Clone, Debug, Default)]
-pub struct Places(BTreeMap<String, (String, Option<Box<Place>>)>);
+pub struct Places {
+    /// The files.
+    sources: Sources,
+    /// A file's number, and what of its text.
+    parts: BTreeMap<String, Part>,
+}
+
+/// Files by name, with their texts.
+pub(crate) type Sources = Vec<(String, Arc<str>)>;
+
+/// The number of a file, and what of its text, if that is known.
+pub(crate) type Part = (usize, Option<Span>);
 
 impl Places {
-    /// Notes where the part of that path came from, as an error there tells.
-    pub(crate) fn note(&mut self, path: impl Into<String>, at: Error) {
-        if let Some(file) = at.file {
-            self.0.insert(path.into(), (file, at.place));
-        }
+    /// Notes where the part of that path came from.
+    pub(crate) fn note(&mut self, path: impl Into<String>, part: Part) {
+        self.parts.insert(path.into(), part);
+    }
+
+    /// The same places, of these files.
+    pub(crate) fn of(self, sources: Sources) -> Self {
+        Self { sources, ..self }
     }
 
     /// An error about the value of that path: at the place of the narrowest part known.
@@ -55,9 +70,12 @@ impl Places {
         let ends = path.char_indices().filter(|(_, c)| matches!(c, '.' | '[')).map(|(i, _)| i);
         let mut prefixes: Vec<&str> = ends.map(|i| &path[..i]).collect();
         prefixes.push(path);
-        let found = prefixes.iter().rev().find_map(|p| self.0.get(*p));
-        let (file, place) = found.cloned().map_or((None, None), |(file, place)| (Some(file), place));
-        Error { file, place, path: path.to_string(), ..Error::new(message) }
+        let found = prefixes.iter().rev().find_map(|p| self.parts.get(*p));
+        let error = Error { path: path.to_string(), ..Error::new(message) };
+        let Some((number, span)) = found else { return error };
+        let Some((file, text)) = self.sources.get(*number) else { return error };
+        let place = span.clone().map(|span| Box::new(place_of(text, span)));
+        Error { file: Some(file.clone()), place, ..error }
     }
 }
 
@@ -200,10 +218,10 @@ mod tests {
 
     #[test]
     fn errors_are_at_the_narrowest_part_known() {
-        let mut places = Places::default();
+        let mut places = Places::default().of(vec![("a.xml".into(), "1\n2\n3\n4\n5\n".into())]);
         for (path, line) in [("shapes[1]", 3), ("shapes[1].material", 4), ("materials.a b", 5)] {
-            let place = Some(Box::new(Place { line, ..Place::default() }));
-            places.note(path, Error { place, ..Error::new("").with_file("a.xml") });
+            let start = 2 * (line - 1);
+            places.note(path, (0, Some(start..start + 1)));
         }
         let line = |path: &str| places.error_at(path, "no").line();
         assert_eq!(line("shapes[1].to_world[2]"), Some(3));

@@ -58,15 +58,13 @@ impl Importer {
     }
 
     fn note_shape(&mut self, o: &Object, path: &str) {
-        let place = self.error(&o.at, "");
-        self.places.note(path, place);
+        self.places.note(path, o.at.part());
         let parts = [("bsdf", "material"), ("emitter", "emission")];
         for (tag, key) in parts {
             if let Ok(children) = self.children(o, &[tag])
                 && let Some((child, _)) = children.first()
             {
-                let place = self.error(&child.at, "");
-                self.places.note(format!("{path}.{key}"), place);
+                self.places.note(format!("{path}.{key}"), child.at.part());
             }
         }
     }
@@ -356,5 +354,19 @@ mod tests {
             let p: Vec<Vec3> = f.iter().map(|i| Vec3::from(mesh.positions[*i as usize])).collect();
             assert!((p[1] - p[0]).cross(p[2] - p[0]).dot(p[0] + p[2]) > 0.0);
         }
+    }
+
+    #[test]
+    fn a_scene_of_one_long_line_is_not_kept_with_each_shape() {
+        let spheres = "<shape type=\"sphere\"/>".repeat(20_000);
+        let text = format!(
+            "<scene version=\"3.0.0\"><sensor type=\"perspective\"/>{spheres}<shape type=\"cylinder\"/></scene>"
+        );
+        let options = crate::ImportOptions { lenient: true, ..Default::default() };
+        let scene = crate::mitsuba::read_mitsuba(&text, "a.xml", std::path::Path::new(""), options).expect("a scene");
+        assert!(scene.warnings.iter().all(|w| w.place.as_ref().is_none_or(|p| p.source_line.is_empty())));
+        let error = scene.places.error_at("shapes[20000].to_world", "no");
+        assert_eq!((error.line(), error.column()), (Some(1), Some(1 + text.find("<shape type=\"cy").expect("there"))));
+        assert_eq!(error.snippet().lines().count(), 2, "{}", error.snippet());
     }
 }

@@ -4,7 +4,7 @@
 
 use crate::document::place_of;
 use crate::error::Error;
-use crate::import::Assets;
+use crate::import::{self, Assets, Part};
 use glam::{DMat3, DMat4, DVec3};
 use roxmltree::{Node, ParsingOptions};
 use std::cell::Cell;
@@ -26,9 +26,16 @@ pub struct Spot {
     span: Range<usize>,
 }
 
+impl Spot {
+    /// To be noted.
+    pub fn part(&self) -> Part {
+        (self.file, Some(self.span.clone()))
+    }
+}
+
 /// The files read so far.
 #[derive(Debug, Default)]
-pub struct Sources(Vec<(String, Rc<str>)>);
+pub struct Sources(pub import::Sources);
 
 impl Sources {
     /// An error at that place.
