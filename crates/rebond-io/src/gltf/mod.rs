@@ -83,6 +83,7 @@ pub fn read_gltf(bytes: &[u8], file: &str, folder: &Path, options: ImportOptions
         images: BTreeMap::new(),
         uses: BTreeMap::new(),
         nodes: 0,
+        zeros: 0,
         has_camera: false,
         bounds: [DVec3::INFINITY, DVec3::NEG_INFINITY],
     };
@@ -161,6 +162,8 @@ struct Importer<'a> {
     /// How many nodes have a mesh.
     uses: BTreeMap<usize, usize>,
     nodes: usize,
+    /// Rows without a buffer so far.
+    zeros: u64,
     has_camera: bool,
     bounds: [DVec3; 2],
 }
@@ -370,11 +373,7 @@ impl Importer<'_> {
                 return Err(self.error(&path, "its attributes are not of one length"));
             }
             let order: Vec<u32> = match p.indices {
-                Some(a) => {
-                    let accessor = self.accessor(a.value(), &path)?;
-                    // Whole numbers below 2²⁴ are exact in f32; larger ones are read apart.
-                    accessor.indices
-                }
+                Some(a) => self.indices(a.value(), &path)?,
                 None => (0..count as u32).collect(),
             };
             if let Some(bad) = order.iter().find(|i| **i as usize >= count) {
