@@ -196,7 +196,8 @@ fn materials_textures_and_spectra() {
     let is = |text: &str, wanted: &str| {
         let materials = describe(text).materials;
         let wanted = toml(&format!("materials.m = {wanted}")).materials.remove("m").expect("m");
-        assert_eq!(materials.values().next(), Some(&wanted), "{text}");
+        // Those of no name come after "a" and "b".
+        assert_eq!(materials.values().next_back(), Some(&wanted), "{text}");
     };
     is(
         r#"Material "conductor" "rgb eta" [1 2 3] "rgb k" [4 5 6] "float roughness" 0.25 "bool remaproughness" false"#,
@@ -209,7 +210,7 @@ fn materials_textures_and_spectra() {
     is(
         r#"MakeNamedMaterial "a" "string type" "diffuse" MakeNamedMaterial "b" "string type" "diffuse" "rgb reflectance" [1 0 0]
            Material "mix" "string materials" ["a" "b"] "float amount" 0.25"#,
-        "{ type = \"two-sided\", front = { type = \"diffuse\" } }",
+        "{ type = \"two-sided\", front = { type = \"mix\", a = { type = \"diffuse\" }, b = { type = \"diffuse\", reflectance = [1, 0, 0] }, weight = 0.25 } }",
     );
     is(
         r#"Texture "t" "spectrum" "imagemap" "string filename" "quarters.png" "float uscale" 2 "string wrap" "clamp" "string filter" "point"
