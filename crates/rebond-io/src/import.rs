@@ -191,11 +191,20 @@ pub(crate) fn tube() -> MeshData {
     mesh
 }
 
-/// `name` itself, or with a number, so that `taken` does not hold.
+/// `name` itself, or with a number, so that `taken` does not hold. It is asked about few of many names: twice as far each time until
+/// one is free, then halfway between that and one that is not.
 pub(crate) fn free_name(name: &str, extension: &str, taken: impl Fn(&str) -> bool) -> String {
     let plain: String = name.chars().map(|c| if c.is_alphanumeric() || "-_ ".contains(c) { c } else { '-' }).collect();
-    let names = (1..).map(|i| if i == 1 { format!("{plain}{extension}") } else { format!("{plain}-{i}{extension}") });
-    names.into_iter().find(|n| !taken(n)).unwrap_or_default()
+    let numbered = |i: u64| if i == 1 { format!("{plain}{extension}") } else { format!("{plain}-{i}{extension}") };
+    let (mut last, mut free) = (0, 1);
+    while taken(&numbered(free)) {
+        (last, free) = (free, free * 2);
+    }
+    while free - last > 1 {
+        let middle = last + (free - last) / 2;
+        *(if taken(&numbered(middle)) { &mut last } else { &mut free }) = middle;
+    }
+    numbered(free)
 }
 
 #[cfg(test)]
@@ -214,6 +223,21 @@ mod tests {
             area += f64::from(n.length()) / 2.0;
         }
         assert!((area / std::f64::consts::TAU - 1.0).abs() < 1e-4, "{area}");
+    }
+
+    #[test]
+    fn free_names_count_up_and_are_found_fast() {
+        let (mut names, asked) = (std::collections::BTreeSet::new(), std::cell::Cell::new(0));
+        for i in 1..=1000 {
+            let taken = |n: &str| {
+                asked.set(asked.get() + 1);
+                names.contains(n)
+            };
+            let name = free_name("a/b", ".ply", taken);
+            assert_eq!(name, if i == 1 { "a-b.ply".into() } else { format!("a-b-{i}.ply") });
+            names.insert(name);
+        }
+        assert!(asked.get() <= 1000 * 20, "{}", asked.get());
     }
 
     #[test]
