@@ -320,8 +320,12 @@ impl Importer<'_> {
                 let (kind, at) = self.words.quoted("a camera")?;
                 let parameters = self.words.parameters()?;
                 // The matrix takes the world to the camera.
-                self.systems.insert("camera".into(), self.state.matrix.inverse());
-                self.camera = Some((kind, parameters, at, self.state.matrix.inverse()));
+                let place = self.state.matrix.inverse();
+                if self.state.matrix.determinant() == 0.0 || !self.state.matrix.is_finite() || !place.is_finite() {
+                    return Err(self.error(at, "the camera's transform has no inverse"));
+                }
+                self.systems.insert("camera".into(), place);
+                self.camera = Some((kind, parameters, at, place));
             }
             "Film" => self.film()?,
             "Sampler" => self.sampler()?,

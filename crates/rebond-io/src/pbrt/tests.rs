@@ -269,6 +269,10 @@ fn mistakes_have_their_places() {
     let fine =
         "Shape \"loopsubdiv\" \"integer levels\" 30 \"point3 P\" [0 0 0 1 0 0 0 1 0] \"integer indices\" [0 1 2]";
     assert!(fails(fine).1.contains("would come to more than"), "{}", fails(fine).1);
+    for flat in ["Scale 0 0 0", "Scale 1 0 1", "Transform [0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0]"] {
+        let error = strict(&format!("{flat}\n{CAMERA}WorldBegin")).expect_err(flat);
+        assert_eq!((error.line(), &*error.message), (Some(2), "the camera's transform has no inverse"), "{flat}");
+    }
     assert!(strict("WorldBegin").is_err_and(|e| e.message == "the scene has no Camera"));
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("b.pbrt"), "Include \"b.pbrt\" Include \"b.pbrt\"").expect("a file");
