@@ -215,6 +215,10 @@ fn strip_key<'p>(path: &'p str, key: &str) -> Option<&'p str> {
     (after.is_empty() || after.starts_with(['.', '['])).then_some(after)
 }
 
+/// Bytes of a line that is shown; a whole scene may be one line.
+const LONGEST_LINE: usize = 4096;
+
+/// The place of a span, without its line if that is too long to be shown.
 pub(crate) fn place_of(text: &str, span: Span) -> Place {
     let start = text.floor_char_boundary(span.start.min(text.len()));
     let line_start = text[..start].rfind('\n').map_or(0, |i| i + 1);
@@ -224,7 +228,10 @@ pub(crate) fn place_of(text: &str, span: Span) -> Place {
         line: text[..start].matches('\n').count() + 1,
         column: text[line_start..start].chars().count() + 1,
         width: text[start..end].trim_end_matches('\r').chars().count().max(1),
-        source_line: text[line_start..line_end].trim_end_matches('\r').to_string(),
+        source_line: match line_end - line_start {
+            0..=LONGEST_LINE => text[line_start..line_end].trim_end_matches('\r').to_string(),
+            _ => String::new(),
+        },
     }
 }
 

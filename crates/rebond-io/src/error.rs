@@ -76,7 +76,8 @@ impl Error {
         } else if self.file.is_some() || self.place.is_some() {
             let _ = writeln!(out, "{margin}--> {}", self.address());
         }
-        if let Some(place) = &self.place {
+        // A line that is too long to be shown is not there.
+        if let Some(place) = self.place.as_ref().filter(|p| !p.source_line.is_empty() || p.column == 1) {
             // A tab must stay a tab under the line, for the carets to stand where they should.
             let before = place.source_line.chars().take(place.column.saturating_sub(1));
             let indent: String = before.map(|c| if c == '\t' { '\t' } else { ' ' }).collect();

@@ -4,7 +4,8 @@
 //! and where everything came from. What rebond has no equal for is an error at its place, or, if the import is to be lenient, a
 //! warning there.
 
-use crate::error::{Error, Place};
+use crate::document::{Span, place_of};
+use crate::error::Error;
 use glam::DMat4;
 use rebond::film::Image;
 use rebond::scene::SceneDescription;
@@ -40,14 +41,28 @@ pub struct Imported {
 
 /// Where the parts of a description came from: paths in the description, such as `shapes[3].material`, with their places.
 #[derive(Clone, Debug, Default)]
-pub struct Places(BTreeMap<String, (String, Option<Box<Place>>)>);
+pub struct Places {
+    /// The files.
+    sources: Sources,
+    /// A file's number, and what of its text.
+    parts: BTreeMap<String, Part>,
+}
+
+/// Files by name, with their texts.
+pub(crate) type Sources = Vec<(String, Arc<str>)>;
+
+/// The number of a file, and what of its text, if that is known.
+pub(crate) type Part = (usize, Option<Span>);
 
 impl Places {
-    /// Notes where the part of that path came from, as an error there tells.
-    pub(crate) fn note(&mut self, path: impl Into<String>, at: Error) {
-        if let Some(file) = at.file {
-            self.0.insert(path.into(), (file, at.place));
-        }
+    /// Notes where the part of that path came from.
+    pub(crate) fn note(&mut self, path: impl Into<String>, part: Part) {
+        self.parts.insert(path.into(), part);
+    }
+
+    /// The same places, of these files.
+    pub(crate) fn of(self, sources: Sources) -> Self {
+        Self { sources, ..self }
     }
 
     /// An error about the value of that path: at the place of the narrowest part known.
@@ -55,9 +70,12 @@ impl Places {
         let ends = path.char_indices().filter(|(_, c)| matches!(c, '.' | '[')).map(|(i, _)| i);
         let mut prefixes: Vec<&str> = ends.map(|i| &path[..i]).collect();
         prefixes.push(path);
-        let found = prefixes.iter().rev().find_map(|p| self.0.get(*p));
-        let (file, place) = found.cloned().map_or((None, None), |(file, place)| (Some(file), place));
-        Error { file, place, path: path.to_string(), ..Error::new(message) }
+        let found = prefixes.iter().rev().find_map(|p| self.parts.get(*p));
+        let error = Error { path: path.to_string(), ..Error::new(message) };
+        let Some((number, span)) = found else { return error };
+        let Some((file, text)) = self.sources.get(*number) else { return error };
+        let place = span.clone().map(|span| Box::new(place_of(text, span)));
+        Error { file: Some(file.clone()), place, ..error }
     }
 }
 
@@ -173,11 +191,20 @@ pub(crate) fn tube() -> MeshData {
     mesh
 }
 
-/// `name` itself, or with a number, so that `taken` does not hold.
+/// `name` itself, or with a number, so that `taken` does not hold. It is asked about few of many names: twice as far each time until
+/// one is free, then halfway between that and one that is not.
 pub(crate) fn free_name(name: &str, extension: &str, taken: impl Fn(&str) -> bool) -> String {
     let plain: String = name.chars().map(|c| if c.is_alphanumeric() || "-_ ".contains(c) { c } else { '-' }).collect();
-    let names = (1..).map(|i| if i == 1 { format!("{plain}{extension}") } else { format!("{plain}-{i}{extension}") });
-    names.into_iter().find(|n| !taken(n)).unwrap_or_default()
+    let numbered = |i: u64| if i == 1 { format!("{plain}{extension}") } else { format!("{plain}-{i}{extension}") };
+    let (mut last, mut free) = (0, 1);
+    while taken(&numbered(free)) {
+        (last, free) = (free, free * 2);
+    }
+    while free - last > 1 {
+        let middle = last + (free - last) / 2;
+        *(if taken(&numbered(middle)) { &mut last } else { &mut free }) = middle;
+    }
+    numbered(free)
 }
 
 #[cfg(test)]
@@ -199,11 +226,26 @@ mod tests {
     }
 
     #[test]
+    fn free_names_count_up_and_are_found_fast() {
+        let (mut names, asked) = (std::collections::BTreeSet::new(), std::cell::Cell::new(0));
+        for i in 1..=1000 {
+            let taken = |n: &str| {
+                asked.set(asked.get() + 1);
+                names.contains(n)
+            };
+            let name = free_name("a/b", ".ply", taken);
+            assert_eq!(name, if i == 1 { "a-b.ply".into() } else { format!("a-b-{i}.ply") });
+            names.insert(name);
+        }
+        assert!(asked.get() <= 1000 * 20, "{}", asked.get());
+    }
+
+    #[test]
     fn errors_are_at_the_narrowest_part_known() {
-        let mut places = Places::default();
+        let mut places = Places::default().of(vec![("a.xml".into(), "1\n2\n3\n4\n5\n".into())]);
         for (path, line) in [("shapes[1]", 3), ("shapes[1].material", 4), ("materials.a b", 5)] {
-            let place = Some(Box::new(Place { line, ..Place::default() }));
-            places.note(path, Error { place, ..Error::new("").with_file("a.xml") });
+            let start = 2 * (line - 1);
+            places.note(path, (0, Some(start..start + 1)));
         }
         let line = |path: &str| places.error_at(path, "no").line();
         assert_eq!(line("shapes[1].to_world[2]"), Some(3));

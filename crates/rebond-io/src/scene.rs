@@ -179,6 +179,7 @@ pub struct SceneSource {
     pub samples: Option<u32>,
     origin: Origin,
     files: SceneFiles,
+    path: Option<PathBuf>,
 }
 
 /// Where the parts of a description came from.
@@ -224,22 +225,24 @@ impl SceneSource {
         let bytes = std::fs::read(path).map_err(|e| Error::new(format!("cannot read the scene \"{scene}\": {e}")))?;
         let folder = path.parent().map_or_else(PathBuf::new, Path::to_path_buf);
         let name = path.file_stem().map_or_else(|| "scene".into(), |s| s.to_string_lossy().into_owned());
+        let from = Some(path.to_path_buf());
         if let Some("gltf" | "glb") = extension.as_deref() {
-            return Ok(Self::imported(read_gltf(&bytes, scene, &folder, options)?, &name));
+            return Ok(Self { path: from, ..Self::imported(read_gltf(&bytes, scene, &folder, options)?, &name) });
         }
         let text = String::from_utf8(bytes).map_err(|e| not_text(e.as_bytes(), e.utf8_error().valid_up_to(), scene))?;
-        match extension.as_deref() {
-            Some("xml") => Ok(Self::imported(read_mitsuba(&text, scene, &folder, options)?, &name)),
-            Some("pbrt") => Ok(Self::imported(read_pbrt(&text, scene, &folder, options)?, &name)),
-            _ => Self::parse(&text, scene, &name, SceneFiles::Folder(folder)),
-        }
+        let read = match extension.as_deref() {
+            Some("xml") => Self::imported(read_mitsuba(&text, scene, &folder, options)?, &name),
+            Some("pbrt") => Self::imported(read_pbrt(&text, scene, &folder, options)?, &name),
+            _ => Self::parse(&text, scene, &name, SceneFiles::Folder(folder))?,
+        };
+        Ok(Self { path: from, ..read })
     }
 
     /// Reads a scene from its text; `file` is what errors call it.
     pub fn parse(text: &str, file: &str, name: &str, files: SceneFiles) -> Result<Self, Error> {
         let (description, document) = from_toml(text, file)?;
         let origin = Origin::Document(Box::new(document));
-        Ok(Self { description, name: name.into(), warnings: Vec::new(), samples: None, origin, files })
+        Ok(Self { description, name: name.into(), warnings: Vec::new(), samples: None, origin, files, path: None })
     }
 
     /// Another program's scene.
@@ -251,6 +254,7 @@ impl SceneSource {
             samples: scene.samples,
             origin: Origin::Places(scene.places),
             files: SceneFiles::Imported(Arc::new(scene.files)),
+            path: None,
         }
     }
 
@@ -292,6 +296,11 @@ impl SceneSource {
     /// Where its files are.
     pub fn files(&self) -> &SceneFiles {
         &self.files
+    }
+
+    /// The file that it was read from, if it was.
+    pub(crate) fn path(&self) -> Option<&Path> {
+        self.path.as_deref()
     }
 
     fn locate(&self, error: BuildError) -> Error {

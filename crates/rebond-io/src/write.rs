@@ -119,12 +119,25 @@ fn inline(value: &Value) -> String {
 }
 
 /// Writes a scene as a TOML file with all the meshes, images and measurements that it names in a folder beside it, called
-/// as the file with `-files`; returns the paths written, the file first. Files that are in its folder already stay where they are.
+/// as the file with `-files`; returns the paths written, the file first. Files that are in its folder already stay where they are,
+/// and no file but `out` is replaced.
 pub fn convert(source: &SceneSource, out: &Path) -> Result<Vec<PathBuf>, Error> {
     let folder = out.parent().map_or_else(PathBuf::new, Path::to_path_buf);
     let stem = out.file_stem().map_or("scene".into(), |s| s.to_string_lossy().into_owned());
     let beside = format!("{stem}-files");
     let mut description = source.description.clone();
+    let mut used = Vec::new();
+    each_file(&mut description, &mut |file| used.push(file.clone()));
+    let old = match source.files() {
+        SceneFiles::Folder(old) => Some(old.as_path()),
+        SceneFiles::Imported(a) => Some(a.folder()),
+        SceneFiles::BuiltIn => None,
+    };
+    let inputs = used.iter().filter_map(|file| Some(old?.join(file))).chain(source.path().map(Path::to_path_buf));
+    if let Some(input) = inputs.into_iter().find(|input| same_path(input, out)) {
+        let error = Error::new(format!("\"{}\" is what is to be converted", input.display()));
+        return Err(error.with_help("write to another file"));
+    }
     let mut names: BTreeMap<String, String> = BTreeMap::new();
     let mut failed = None;
     let mut written = vec![out.to_path_buf()];
@@ -145,23 +158,25 @@ pub fn convert(source: &SceneSource, out: &Path) -> Result<Vec<PathBuf>, Error> 
         }
         let mut keep = || -> Result<String, Error> {
             let original = file.clone();
-            let in_place = match source.files() {
-                SceneFiles::Folder(old) => same_folder(old, &folder),
-                SceneFiles::Imported(a) => !made(source, &original) && same_folder(a.folder(), &folder),
-                SceneFiles::BuiltIn => false,
-            };
+            let in_place = !made(source, &original) && old.is_some_and(|old| same_path(old, &folder));
             if in_place && Path::new(&original).is_relative() {
                 return Ok(original);
             }
             let name = Path::new(&original).file_name().map_or("file".into(), |n| n.to_string_lossy().into_owned());
             let (stem, extension) = name.rsplit_once('.').map_or((&*name, ""), |(s, e)| (s, e));
-            let taken = |n: &str| names.values().any(|known| known == n);
+            let bytes = contents(source, &original)?;
+            // What is there already may be what an earlier conversion wrote.
+            let taken = |n: &str| {
+                let path = folder.join(n);
+                let given = names.values().chain(&used).any(|known| known == n);
+                given || path.exists() && !std::fs::read(&path).is_ok_and(|there| there == bytes)
+            };
             let numbered = |i: u32| match i {
                 1 => format!("{beside}/{name}"),
+                _ if extension.is_empty() => format!("{beside}/{stem}-{i}"),
                 _ => format!("{beside}/{stem}-{i}.{extension}"),
             };
             let name = (1..).map(numbered).find(|n| !taken(n)).unwrap_or_default();
-            let bytes = contents(source, &original)?;
             let path = folder.join(&name);
             save(&path, &bytes)?;
             written.push(path);
@@ -185,7 +200,7 @@ pub fn convert(source: &SceneSource, out: &Path) -> Result<Vec<PathBuf>, Error> 
     Ok(written)
 }
 
-fn same_folder(a: &Path, b: &Path) -> bool {
+fn same_path(a: &Path, b: &Path) -> bool {
     let whole = |p: &Path| if p.as_os_str().is_empty() { Path::new(".").canonicalize() } else { p.canonicalize() };
     matches!((whole(a), whole(b)), (Ok(a), Ok(b)) if a == b)
 }
@@ -550,5 +565,32 @@ mod tests {
         // Beside its files it needs no others.
         let second = out.with_file_name("again.toml");
         assert_eq!(convert(&again, &second).expect("written"), [second]);
+    }
+
+    #[test]
+    fn no_file_of_the_user_is_replaced() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let at = |name: &str| folder.path().join(name).display().to_string();
+        std::fs::create_dir(at("d-files")).expect("a folder");
+        let theirs = write_ply(&crate::import::tube());
+        std::fs::write(at("d-files/cylinder.ply"), [&theirs[..], b"\n"].concat()).expect("a mesh");
+        let xml = r#"<scene version="3.0.0"><sensor type="perspective"/><emitter type="constant"/><shape type="cylinder"/>
+            <shape type="ply"><string name="filename" value="d-files/cylinder.ply"/></shape></scene>"#;
+        std::fs::write(at("s.xml"), xml).expect("a scene");
+        let source = SceneSource::open(&at("s.xml")).unwrap_or_else(|e| panic!("{}", e.snippet()));
+        let out = folder.path().join("d.toml");
+        let written = convert(&source, &out).expect("written");
+        assert_eq!(written, [out.clone(), folder.path().join("d-files/cylinder-2.ply")]);
+        assert_eq!(std::fs::read(at("d-files/cylinder.ply")).expect("theirs"), [&theirs[..], b"\n"].concat());
+        // Once more it is the same files.
+        assert_eq!(convert(&source, &out).expect("written"), written);
+        // Nor are the scene itself and what it names, however they are called.
+        for name in ["s.xml", "d-files/../s.xml", "d-files/cylinder.ply"] {
+            let error = convert(&source, &folder.path().join(name)).expect_err(name);
+            assert!(error.message.contains("is what is to be converted"), "{error}");
+        }
+        let again = SceneSource::open(&at("d.toml")).expect("a scene");
+        assert!(convert(&again, &out).is_err());
+        assert_eq!(std::fs::read_to_string(at("s.xml")).expect("the scene"), xml);
     }
 }

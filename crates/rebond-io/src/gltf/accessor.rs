@@ -6,8 +6,8 @@ use ::gltf::json::accessor::{Accessor, ComponentType, Type};
 use ::gltf::json::validation::Checked;
 use base64::Engine as _;
 
-/// Values that an accessor without a buffer, which are zeros, may have.
-const MOST_ZEROS: u64 = 1 << 24;
+/// Rows of a file's accessors without a buffer, which are zeros.
+const MOST_ZEROS: u64 = 1 << 20;
 
 /// What an accessor holds.
 pub struct Numbers {
@@ -57,6 +57,21 @@ impl Importer<'_> {
         Ok(numbers.values.chunks_exact(N).map(|row| std::array::from_fn(|i| row[i])).collect())
     }
 
+    /// Whole numbers, one to a row.
+    pub fn indices(&mut self, number: usize, path: &str) -> Result<Vec<u32>> {
+        let numbers = self.accessor(number, path)?;
+        let kind = self.root.accessors.get(number).map(|a| a.component_type);
+        match kind {
+            Some(Checked::Valid(kind))
+                if numbers.width == 1
+                    && matches!(kind.0, ComponentType::U8 | ComponentType::U16 | ComponentType::U32) =>
+            {
+                Ok(numbers.indices)
+            }
+            _ => Err(self.error(path, format!("accessor {number} has no whole numbers, one to a row, for indices"))),
+        }
+    }
+
     /// All numbers of an accessor.
     pub fn accessor(&mut self, number: usize, path: &str) -> Result<Numbers> {
         let place = format!("accessors[{number}]");
@@ -79,11 +94,12 @@ impl Importer<'_> {
                 let (bytes, stride) = self.view(view.value(), a.byte_offset.map_or(0, |o| o.0))?;
                 dense(bytes, stride, count, width, kind.0, a.normalized).map_err(|m| self.error(&place, m))?
             }
-            None if count <= MOST_ZEROS => {
+            None if self.zeros.saturating_add(count) <= MOST_ZEROS => {
+                self.zeros += count;
                 let n = count as usize * width;
                 Numbers { values: vec![0.0; n], indices: vec![0; n], width }
             }
-            None => return Err(self.error(&place, format!("{count} zeros are more than {MOST_ZEROS}"))),
+            None => return Err(self.error(&place, format!("rows of zeros are more than {MOST_ZEROS}"))),
         };
         self.sparse(&a, &mut numbers, kind.0).map_err(|e| match e.path.is_empty() {
             true => self.error(&place, e.message),

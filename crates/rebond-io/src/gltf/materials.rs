@@ -32,8 +32,7 @@ impl Importer<'_> {
             Some(n) => self.describe(n)?,
         };
         let name = unused_name(&name, |n| self.scene.materials.contains_key(n));
-        let place = self.error(&format!("materials[{}]", number.unwrap_or(0)), "");
-        self.places.note(format!("materials.{name}"), place);
+        self.places.note(format!("materials.{name}"), (0, None));
         self.scene.materials.insert(name.clone(), description);
         self.materials.insert(key, (name.clone(), emission));
         Ok((name, emission))

@@ -83,6 +83,7 @@ pub fn read_gltf(bytes: &[u8], file: &str, folder: &Path, options: ImportOptions
         images: BTreeMap::new(),
         uses: BTreeMap::new(),
         nodes: 0,
+        zeros: 0,
         has_camera: false,
         bounds: [DVec3::INFINITY, DVec3::NEG_INFINITY],
     };
@@ -92,7 +93,7 @@ pub fn read_gltf(bytes: &[u8], file: &str, folder: &Path, options: ImportOptions
         files: importer.assets,
         warnings: importer.report.warnings,
         samples: None,
-        places: importer.places,
+        places: importer.places.of(vec![(importer.file, "".into())]),
     })
 }
 
@@ -161,6 +162,8 @@ struct Importer<'a> {
     /// How many nodes have a mesh.
     uses: BTreeMap<usize, usize>,
     nodes: usize,
+    /// Rows without a buffer so far.
+    zeros: u64,
     has_camera: bool,
     bounds: [DVec3; 2],
 }
@@ -249,7 +252,7 @@ impl Importer<'_> {
             self.unsupported(&path, "a skin")?;
         }
         if let Some(mesh) = mesh {
-            self.mesh(mesh, m, &path)?;
+            self.mesh(mesh, m)?;
         }
         if let Some(camera) = camera {
             self.camera(camera, m)?;
@@ -268,7 +271,7 @@ impl Importer<'_> {
 
     // ---- meshes ----
 
-    fn mesh(&mut self, number: usize, m: DMat4, path: &str) -> Result<()> {
+    fn mesh(&mut self, number: usize, m: DMat4) -> Result<()> {
         let primitives = match self.meshes.get(&number) {
             Some(known) => known.clone(),
             None => {
@@ -304,18 +307,17 @@ impl Importer<'_> {
             if !self.scene.groups.contains_key(&name) {
                 self.scene.groups.insert(name.clone(), shapes.into_iter().map(ShapeDescription::Ply).collect());
             }
-            self.push(path, ShapeDescription::Instance(InstanceDescription { group: name, to_world: steps(m) }));
+            self.push(ShapeDescription::Instance(InstanceDescription { group: name, to_world: steps(m) }));
         } else {
             for shape in shapes {
-                self.push(path, ShapeDescription::Ply(MeshFile { to_world: steps(m), ..shape }));
+                self.push(ShapeDescription::Ply(MeshFile { to_world: steps(m), ..shape }));
             }
         }
         Ok(())
     }
 
-    fn push(&mut self, path: &str, shape: ShapeDescription) {
-        let place = self.error(path, "");
-        self.places.note(format!("shapes[{}]", self.scene.shapes.len()), place);
+    fn push(&mut self, shape: ShapeDescription) {
+        self.places.note(format!("shapes[{}]", self.scene.shapes.len()), (0, None));
         self.scene.shapes.push(shape);
     }
 
@@ -371,11 +373,7 @@ impl Importer<'_> {
                 return Err(self.error(&path, "its attributes are not of one length"));
             }
             let order: Vec<u32> = match p.indices {
-                Some(a) => {
-                    let accessor = self.accessor(a.value(), &path)?;
-                    // Whole numbers below 2²⁴ are exact in f32; larger ones are read apart.
-                    accessor.indices
-                }
+                Some(a) => self.indices(a.value(), &path)?,
                 None => (0..count as u32).collect(),
             };
             if let Some(bad) = order.iter().find(|i| **i as usize >= count) {
@@ -456,8 +454,7 @@ impl Importer<'_> {
             return Err(self.error(&path, format!("{aspect} is no ratio of width and height")));
         }
         (self.scene.film.width, self.scene.film.height) = ((HEIGHT * aspect).round() as u32, HEIGHT as u32);
-        let place = self.error(&path, "");
-        self.places.note("camera", place);
+        self.places.note("camera", (0, None));
         self.scene.camera = description;
         self.has_camera = true;
         Ok(())
@@ -523,8 +520,7 @@ impl Importer<'_> {
             }
             other => return self.unsupported(&path, format!("a light of type \"{other}\"")),
         };
-        let place = self.error(&path, "");
-        self.places.note(format!("emitters[{}]", self.scene.emitters.len()), place);
+        self.places.note(format!("emitters[{}]", self.scene.emitters.len()), (0, None));
         self.scene.emitters.push(emitter);
         Ok(())
     }

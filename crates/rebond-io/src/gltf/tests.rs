@@ -384,3 +384,29 @@ fn mistakes_say_what_they_are_of() {
         assert!(read_gltf(&glb(square())[..cut], "a.glb", Path::new(""), ImportOptions::default()).is_err());
     }
 }
+
+#[test]
+fn rows_without_a_buffer_are_few() {
+    let mut value = square();
+    value["accessors"][0] = json!({ "componentType": 5126, "count": 1 << 18, "type": "VEC3" });
+    let primitive = json!({ "attributes": { "POSITION": 0 }, "material": 0 });
+    value["meshes"][0]["primitives"] = Value::Array(vec![primitive.clone(); 4]);
+    assert!(read(&value).is_ok());
+    value["meshes"][0]["primitives"] = Value::Array(vec![primitive; 5]);
+    let error = read(&value).expect_err("a million and a quarter");
+    assert!(error.message.contains("rows of zeros are more than 1048576"), "{error}");
+}
+
+#[test]
+fn indices_are_whole_numbers() {
+    // Positions, texture coordinates, and what is whole, but two to a row.
+    let mut value = square();
+    value["accessors"][3] = json!({ "bufferView": 3, "componentType": 5123, "count": 3, "type": "VEC2" });
+    for accessor in [0, 2, 3] {
+        value["meshes"][0]["primitives"][0]["indices"] = json!(accessor);
+        let error = read(&value).expect_err("no indices");
+        assert!(error.message.contains(&format!("accessor {accessor} has no whole numbers")), "{error}");
+    }
+    value["accessors"][3] = json!({ "bufferView": 3, "componentType": 5126, "count": 3, "type": "SCALAR" });
+    assert!(read(&value).is_err_and(|e| e.message.contains("accessor 3 has no whole numbers")));
+}

@@ -57,8 +57,7 @@ impl Importer {
             _ => return self.unknown_plugin(o),
         };
         self.finish(o)?;
-        let place = self.error(&o.at, "");
-        self.places.note(format!("emitters[{}]", self.scene.emitters.len()), place);
+        self.places.note(format!("emitters[{}]", self.scene.emitters.len()), o.at.part());
         self.scene.emitters.push(emitter);
         Ok(())
     }

@@ -23,8 +23,7 @@ impl Importer {
         let same = others.into_iter().find(|name| self.scene.materials.get(*name) == Some(&description)).cloned();
         let name = same.unwrap_or_else(|| free_name(id, "", |n| self.scene.materials.contains_key(n)));
         self.scene.materials.insert(name.clone(), description);
-        let place = self.error(&o.at, "");
-        self.places.note(format!("materials.{name}"), place);
+        self.places.note(format!("materials.{name}"), o.at.part());
         self.named.insert(key, name.clone());
         Ok(MaterialRef::Named(name))
     }

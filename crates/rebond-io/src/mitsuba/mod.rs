@@ -56,7 +56,7 @@ pub fn read_mitsuba(text: &str, file: &str, folder: &Path, options: ImportOption
         files: importer.assets,
         warnings: importer.report.warnings,
         samples: importer.samples,
-        places: importer.places,
+        places: importer.places.of(importer.sources.0),
     })
 }
 

@@ -81,8 +81,7 @@ impl Importer {
             }
         };
         self.finish(o)?;
-        let place = self.error(&o.at, "");
-        self.places.note("camera", place);
+        self.places.note("camera", o.at.part());
         self.scene.camera = camera;
         Ok(())
     }
@@ -161,8 +160,7 @@ impl Importer {
         }
         self.scene.film.filter = filter;
         self.finish(o)?;
-        let place = self.error(&o.at, "");
-        self.places.note("film", place);
+        self.places.note("film", o.at.part());
         Ok(size)
     }
 
@@ -228,8 +226,7 @@ impl Importer {
             self.unsupported(&p.at, "emitters that are not seen by the camera")?;
         }
         self.finish(o)?;
-        let place = self.error(&o.at, "");
-        self.places.note("integrator", place);
+        self.places.note("integrator", o.at.part());
         self.scene.integrator = settings;
         Ok(())
     }

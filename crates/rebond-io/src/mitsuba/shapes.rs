@@ -58,15 +58,13 @@ impl Importer {
     }
 
     fn note_shape(&mut self, o: &Object, path: &str) {
-        let place = self.error(&o.at, "");
-        self.places.note(path, place);
+        self.places.note(path, o.at.part());
         let parts = [("bsdf", "material"), ("emitter", "emission")];
         for (tag, key) in parts {
             if let Ok(children) = self.children(o, &[tag])
                 && let Some((child, _)) = children.first()
             {
-                let place = self.error(&child.at, "");
-                self.places.note(format!("{path}.{key}"), place);
+                self.places.note(format!("{path}.{key}"), child.at.part());
             }
         }
     }
@@ -127,12 +125,11 @@ impl Importer {
             "cylinder" => self.cylinder(o)?,
             "obj" => {
                 let flipped = self.flag(o, "flip_tex_coords", true)?;
-                let file = self.mesh_file(o, if flipped { Lie::Flipped } else { Lie::Same })?;
-                ShapeDescription::Obj(file)
+                ShapeDescription::Obj(self.mesh_file(o, flipped)?)
             }
             "ply" => {
                 let flipped = self.flag(o, "flip_tex_coords", false)?;
-                ShapeDescription::Ply(self.mesh_file(o, if flipped { Lie::Flipped } else { Lie::Same })?)
+                ShapeDescription::Ply(self.mesh_file(o, flipped)?)
             }
             "serialized" => self.serialized(o)?,
             _ => {
@@ -195,16 +192,18 @@ impl Importer {
         Ok(Simple { flip_normals, material: c.material, emission: c.emission, to_world: steps(c.matrix) })
     }
 
-    fn mesh_file(&mut self, o: &Object, lie: Lie) -> Result<MeshFile> {
+    fn mesh_file(&mut self, o: &Object, flipped: bool) -> Result<MeshFile> {
         let Some((file, at)) = self.text(o, "filename")? else {
             return Err(self.error(&o.at, "the filename is missing"));
         };
         let file = self.find(&file, &at)?;
-        let c = self.common(o, lie)?;
+        let [normals, uvs] = self.normals_and_uvs(&file, &at)?;
+        // Those that triangles have by themselves are the same.
+        let c = self.common(o, if flipped && uvs { Lie::Flipped } else { Lie::Same })?;
         let face_normals = self.flag(o, "face_normals", false)?;
         let flip = self.flag(o, "flip_normals", false)?;
         // Mirrored, Mitsuba's meshes are turned inside out, but for those that bring normals.
-        let inside_out = c.matrix.determinant() < 0.0 && (face_normals || !self.has_normals(&file, &at)?);
+        let inside_out = c.matrix.determinant() < 0.0 && (face_normals || !normals);
         Ok(MeshFile {
             file,
             face_normals,
@@ -216,16 +215,30 @@ impl Importer {
         })
     }
 
-    /// Whether an OBJ or PLY file has normals.
-    fn has_normals(&self, file: &str, at: &Spot) -> Result<bool> {
+    /// Whether an OBJ or PLY file has normals, and texture coordinates.
+    fn normals_and_uvs(&self, file: &str, at: &Spot) -> Result<[bool; 2]> {
         let bytes = self.assets.read(file).map_err(|m| self.error(at, m))?;
-        let mut lines = bytes.split(|b| *b == b'\n').map(|l| l.trim_ascii());
-        if bytes.starts_with(b"ply") {
-            return Ok(lines
-                .take_while(|l| *l != b"end_header")
-                .any(|l| l.starts_with(b"property") && l.ends_with(b" nx")));
+        let is_ply = bytes.starts_with(b"ply");
+        let mut found = [false; 2];
+        for line in bytes.split(|b| *b == b'\n').map(|l| l.trim_ascii()) {
+            if is_ply && line == b"end_header" {
+                break;
+            }
+            let mut words = line.split(|b| b.is_ascii_whitespace()).filter(|w| !w.is_empty());
+            let word = if !is_ply {
+                words.next()
+            } else if line.starts_with(b"property") {
+                words.next_back()
+            } else {
+                None
+            };
+            match word {
+                Some(b"vn" | b"nx") => found[0] = true,
+                Some(b"vt" | b"u" | b"s" | b"texture_u") => found[1] = true,
+                _ => {}
+            }
         }
-        Ok(lines.any(|l| l.starts_with(b"vn ")))
+        Ok(found)
     }
 
     fn serialized(&mut self, o: &Object) -> Result<ShapeDescription> {
@@ -238,10 +251,10 @@ impl Importer {
             i => return Err(self.error(&o.at, format!("{i} is no shape_index"))),
         };
         let flipped = self.flag(o, "flip_tex_coords", false)?;
-        let c = self.common(o, if flipped { Lie::Flipped } else { Lie::Same })?;
         let (face_normals, flip) = (self.flag(o, "face_normals", false)?, self.flag(o, "flip_normals", false)?);
         let bytes = self.assets.read(&file).map_err(|m| self.error(&at, m))?;
         let mesh = super::serialized::read(&bytes, index).map_err(|m| self.error(&at, format!("\"{file}\": {m}")))?;
+        let c = self.common(o, if flipped && mesh.uvs.is_some() { Lie::Flipped } else { Lie::Same })?;
         let inside_out = c.matrix.determinant() < 0.0 && (face_normals || mesh.normals.is_none());
         let stem = std::path::Path::new(&file).file_stem().map_or("mesh".into(), |s| s.to_string_lossy().into_owned());
         let file = self.assets.add_mesh(&format!("{stem}-{index}"), mesh);
@@ -355,6 +368,53 @@ mod tests {
         for f in &mesh.faces {
             let p: Vec<Vec3> = f.iter().map(|i| Vec3::from(mesh.positions[*i as usize])).collect();
             assert!((p[1] - p[0]).cross(p[2] - p[0]).dot(p[0] + p[2]) > 0.0);
+        }
+    }
+
+    #[test]
+    fn a_scene_of_one_long_line_is_not_kept_with_each_shape() {
+        let spheres = "<shape type=\"sphere\"/>".repeat(20_000);
+        let text = format!(
+            "<scene version=\"3.0.0\"><sensor type=\"perspective\"/>{spheres}<shape type=\"cylinder\"/></scene>"
+        );
+        let options = crate::ImportOptions { lenient: true, ..Default::default() };
+        let scene = crate::mitsuba::read_mitsuba(&text, "a.xml", std::path::Path::new(""), options).expect("a scene");
+        assert!(scene.warnings.iter().all(|w| w.place.as_ref().is_none_or(|p| p.source_line.is_empty())));
+        let error = scene.places.error_at("shapes[20000].to_world", "no");
+        assert_eq!((error.line(), error.column()), (Some(1), Some(1 + text.find("<shape type=\"cy").expect("there"))));
+        assert_eq!(error.snippet().lines().count(), 2, "{}", error.snippet());
+    }
+
+    #[test]
+    fn only_texture_coordinates_of_the_file_are_flipped() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let material = |extension: &str, text: &str, flip: bool| {
+            std::fs::write(folder.path().join(format!("m.{extension}")), text).expect("a mesh");
+            let text = format!(
+                "<scene version=\"3.0.0\"><sensor type=\"perspective\"/><emitter type=\"constant\"/><shape type=\"{extension}\"><string name=\"filename\" value=\"m.{extension}\"/>
+                <boolean name=\"flip_tex_coords\" value=\"{flip}\"/>
+                <bsdf type=\"diffuse\"><texture type=\"checkerboard\" name=\"reflectance\"/></bsdf></shape></scene>"
+            );
+            let options = crate::ImportOptions { lenient: true, ..Default::default() };
+            let scene = crate::mitsuba::read_mitsuba(&text, "a.xml", folder.path(), options)
+                .unwrap_or_else(|e| panic!("{}", e.snippet()));
+            match &scene.description.shapes[..] {
+                [ShapeDescription::Obj(m) | ShapeDescription::Ply(m)] => m.material.clone(),
+                other => panic!("{other:?}"),
+            }
+        };
+        let obj = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+        let obj_with = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n";
+        let ply = |uvs: &str, row: &str| {
+            let head =
+                "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n";
+            let faces = "element face 1\nproperty list uchar int vertex_indices\nend_header\n";
+            format!("{head}{uvs}{faces}0 0 0{row}\n1 0 0{row}\n0 1 0{row}\n3 0 1 2\n")
+        };
+        let (without, with) = (ply("", ""), ply("property float u\nproperty float v\n", " 0 0"));
+        for (extension, plain, own) in [("obj", obj, obj_with), ("ply", &without, &with)] {
+            assert_eq!(material(extension, plain, true), material(extension, plain, false), "{extension}");
+            assert_ne!(material(extension, own, true), material(extension, own, false), "{extension}");
         }
     }
 }

@@ -4,12 +4,12 @@
 
 use crate::document::place_of;
 use crate::error::Error;
-use crate::import::Assets;
+use crate::import::{self, Assets, Part};
 use glam::{DMat3, DMat4, DVec3};
 use roxmltree::{Node, ParsingOptions};
 use std::cell::Cell;
 use std::collections::BTreeMap;
-use std::ops::Range;
+use std::ops::{Bound, Range};
 use std::rc::Rc;
 
 /// Elements within elements.
@@ -18,6 +18,8 @@ const DEEPEST: u32 = 64;
 const MOST_FILES: usize = 256;
 /// Elements of a scene in all.
 const MOST_ELEMENTS: u32 = 4_000_000;
+/// Letters of all values that have `$names` in them.
+const MOST_LETTERS: usize = 1 << 24;
 
 /// A place in one of the files.
 #[derive(Clone, Debug, Default)]
@@ -26,9 +28,16 @@ pub struct Spot {
     span: Range<usize>,
 }
 
+impl Spot {
+    /// To be noted.
+    pub fn part(&self) -> Part {
+        (self.file, Some(self.span.clone()))
+    }
+}
+
 /// The files read so far.
 #[derive(Debug, Default)]
-pub struct Sources(Vec<(String, Rc<str>)>);
+pub struct Sources(pub import::Sources);
 
 impl Sources {
     /// An error at that place.
@@ -160,6 +169,7 @@ pub fn read(text: &str, file: &str, assets: &Assets) -> Result<Tree, Error> {
         paths: Vec::new(),
         camel: false,
         elements: 0,
+        letters: Cell::new(0),
     };
     let mut top = reader.file(text, file, "", 0)?;
     let root = match (top.pop(), top.is_empty()) {
@@ -185,6 +195,8 @@ struct Reader<'a> {
     /// Whether names are written in the old way, `toWorld`.
     camel: bool,
     elements: u32,
+    /// Letters made so far by replacing `$names`.
+    letters: Cell<usize>,
 }
 
 /// A parsed element and the number of its file.
@@ -284,21 +296,37 @@ impl Reader<'_> {
         while let Some(i) = rest.find('$') {
             out += &rest[..i];
             rest = &rest[i + 1..];
-            // The longest name that is known; names hold anything.
-            let known = self.defaults.iter().filter(|(n, _)| rest.starts_with(n.as_str())).max_by_key(|(n, _)| n.len());
-            let Some((name, value)) = known else {
+            let Some((known, value)) = self.longest_name(rest) else {
                 let word: String = rest.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect();
                 return self
                     .fail(&e.spot_of(name), format!("the parameter ${word} has no value"))
                     .map_err(|e: Error| e.with_help(format!("give one by <default name=\"{word}\" value=\"…\"/>")));
             };
-            out += value;
-            rest = &rest[name.len()..];
-            if out.len() > 1 << 20 {
-                return self.fail(&e.spot_of(name), "a value of more than a million letters");
+            self.letters.set(self.letters.get().saturating_add(value.len()));
+            if self.letters.get() > MOST_LETTERS {
+                let message = format!("the values of parameters come to more than {MOST_LETTERS} letters");
+                return self.fail(&e.spot_of(name), message);
             }
+            out += value;
+            rest = &rest[known.len()..];
         }
         Ok(Some(out + rest))
+    }
+
+    /// The longest name of a parameter that a text begins with, and its value; names hold anything.
+    fn longest_name(&self, text: &str) -> Option<(&str, &str)> {
+        let mut text = text;
+        loop {
+            // What begins a text is not after it, and the longest comes last.
+            let until = (Bound::Unbounded, Bound::Included(text));
+            let (name, value) = self.defaults.range::<str, _>(until).next_back()?;
+            if text.starts_with(name.as_str()) {
+                return Some((name, value));
+            }
+            // Nor is it longer than what the text shares with any name in between.
+            let shared = name.bytes().zip(text.bytes()).take_while(|(a, b)| a == b).count();
+            text = &text[..text.floor_char_boundary(shared)];
+        }
     }
 
     fn needed(&self, e: Element, name: &str) -> Result<String, Error> {
@@ -636,4 +664,43 @@ fn snake(name: &str) -> String {
         out.push(c.to_ascii_lowercase());
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::import::ImportOptions;
+
+    fn tree(text: &str) -> Result<Tree, Error> {
+        read(text, "a.xml", &Assets::new(std::path::Path::new(""), ImportOptions::default()))
+    }
+
+    #[test]
+    fn the_longest_name_of_a_parameter_counts() {
+        let names = ["a", "ab", "abcd", "abd", "ä", "äö"];
+        let defaults = names.map(|n| format!("<default name=\"{n}\" value=\"[{n}]\"/>")).concat();
+        let value = |text: &str| {
+            let text = format!("<scene version=\"3.0.0\">{defaults}<string name=\"x\" value=\"{text}\"/></scene>");
+            match tree(&text).map(|t| t.root.get("x").map(|p| format!("{:?}", p.value))) {
+                Ok(Some(value)) => value,
+                other => panic!("{other:?}"),
+            }
+        };
+        for (text, wanted) in [("$abce", "[ab]ce"), ("$abcd$a", "[abcd][a]"), ("$aze", "[a]ze"), ("$äü", "[ä]ü")] {
+            assert_eq!(value(text), format!("Text({wanted:?})"));
+        }
+        let none = format!("<scene version=\"3.0.0\">{defaults}<string name=\"x\" value=\"$öa\"/></scene>");
+        assert!(tree(&none).is_err_and(|e| e.message == "the parameter $öa has no value"));
+    }
+
+    #[test]
+    fn parameters_do_not_blow_up() {
+        let doubling: String =
+            (1..16).map(|i| format!("<default name=\"{i}.\" value=\"{0}{0}\"/>", format!("${}.", i - 1))).collect();
+        let uses = "<string name=\"x\" value=\"$15.\"/>".repeat(100);
+        let start = "<default name=\"0.\" value=\"0123456789abcdef\"/>";
+        let text = format!("<scene version=\"3.0.0\">{start}{doubling}<shape type=\"a\">{uses}</shape></scene>");
+        let error = tree(&text).expect_err("fifty million letters");
+        assert!(error.message.contains("come to more than"), "{error}");
+    }
 }

@@ -44,8 +44,7 @@ impl Importer<'_> {
             self.materials += 1;
             free_name(&format!("{kind} {}", self.materials), "", |n| self.scene.materials.contains_key(n))
         };
-        let place = self.error(at, "");
-        self.places.note(format!("materials.{name}"), place);
+        self.places.note(format!("materials.{name}"), at.part());
         let description = match material {
             MaterialRef::Inline(m) => *m,
             MaterialRef::Named(_) => return Err(self.error(at, "a material that is another")),

@@ -69,7 +69,7 @@ pub fn read_pbrt(text: &str, file: &str, folder: &Path, options: ImportOptions) 
         files: importer.assets,
         warnings: importer.report.warnings,
         samples: importer.samples,
-        places: importer.places,
+        places: importer.places.of(importer.words.sources.0),
     })
 }
 
@@ -320,8 +320,12 @@ impl Importer<'_> {
                 let (kind, at) = self.words.quoted("a camera")?;
                 let parameters = self.words.parameters()?;
                 // The matrix takes the world to the camera.
-                self.systems.insert("camera".into(), self.state.matrix.inverse());
-                self.camera = Some((kind, parameters, at, self.state.matrix.inverse()));
+                let place = self.state.matrix.inverse();
+                if self.state.matrix.determinant() == 0.0 || !self.state.matrix.is_finite() || !place.is_finite() {
+                    return Err(self.error(at, "the camera's transform has no inverse"));
+                }
+                self.systems.insert("camera".into(), place);
+                self.camera = Some((kind, parameters, at, place));
             }
             "Film" => self.film()?,
             "Sampler" => self.sampler()?,
@@ -398,8 +402,7 @@ impl Importer<'_> {
             Some((name, shapes)) => format!("groups.{name}[{}]", shapes.len()),
             None => format!("shapes[{}]", self.scene.shapes.len()),
         };
-        let place = self.error(at, "");
-        self.places.note(path, place);
+        self.places.note(path, at.part());
         match &mut self.group {
             Some((_, shapes)) => shapes.push(shape),
             None => self.scene.shapes.push(shape),
@@ -513,8 +516,7 @@ impl Importer<'_> {
             }
         };
         self.finish(&p, &format!("the light \"{kind}\""))?;
-        let place = self.error(at, "");
-        self.places.note(format!("emitters[{}]", self.scene.emitters.len()), place);
+        self.places.note(format!("emitters[{}]", self.scene.emitters.len()), at.part());
         self.scene.emitters.push(emitter);
         Ok(())
     }
@@ -583,8 +585,7 @@ impl Importer<'_> {
             }
         };
         self.finish(&p, &format!("the camera \"{kind}\""))?;
-        let place = self.error(at, "");
-        self.places.note("camera", place);
+        self.places.note("camera", at.part());
         self.scene.camera = camera;
         Ok(())
     }
@@ -609,8 +610,7 @@ impl Importer<'_> {
                 self.unsupported(q.at, format!("a film's {name}"))?;
             }
         }
-        let place = self.error(at, "");
-        self.places.note("film", place);
+        self.places.note("film", at.part());
         self.finish(&p, "a film")
     }
 
@@ -709,8 +709,7 @@ impl Importer<'_> {
                 path(depth)
             }
         };
-        let place = self.error(at, "");
-        self.places.note("integrator", place);
+        self.places.note("integrator", at.part());
         self.finish(&p, &format!("the integrator \"{kind}\""))
     }
 }

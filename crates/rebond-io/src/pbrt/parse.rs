@@ -2,9 +2,9 @@
 
 use crate::document::place_of;
 use crate::error::Error;
-use crate::import::Assets;
+use crate::import::{self, Assets, Part};
 use std::cell::Cell;
-use std::rc::Rc;
+use std::sync::Arc;
 
 /// Files of a scene, included ones counted as often as they are.
 const MOST_FILES: usize = 256;
@@ -19,9 +19,16 @@ pub struct Spot {
     end: usize,
 }
 
+impl Spot {
+    /// To be noted.
+    pub fn part(self) -> Part {
+        (self.file, Some(self.start..self.end))
+    }
+}
+
 /// The files read so far.
 #[derive(Debug, Default)]
-pub struct Sources(Vec<(String, Rc<str>)>);
+pub struct Sources(pub import::Sources);
 
 impl Sources {
     /// An error at that place.
@@ -84,7 +91,7 @@ impl Parameters {
 /// A file that is being read.
 struct Open {
     file: usize,
-    text: Rc<str>,
+    text: Arc<str>,
     at: usize,
     folder: String,
 }
@@ -102,7 +109,7 @@ pub struct Words<'a> {
 impl<'a> Words<'a> {
     /// Of that text.
     pub fn new(text: &str, file: &str, assets: &'a Assets) -> Self {
-        let text: Rc<str> = text.into();
+        let text: Arc<str> = text.into();
         let sources = Sources(vec![(file.to_string(), text.clone())]);
         let open = vec![Open { file: 0, text, at: 0, folder: String::new() }];
         Self { sources, assets, open, peeked: None, last: Spot::default() }
@@ -125,7 +132,7 @@ impl<'a> Words<'a> {
             if name.ends_with(".gz") { super::unpack(&bytes).map_err(|m| self.sources.error(at, m))? } else { bytes };
         let text =
             String::from_utf8(bytes).map_err(|_| self.sources.error(at, format!("\"{name}\" is not UTF-8 text")))?;
-        let text: Rc<str> = text.into();
+        let text: Arc<str> = text.into();
         self.sources.0.push((self.assets.folder().join(name).display().to_string(), text.clone()));
         let folder = name.rsplit_once('/').map_or("", |(folder, _)| folder).to_string();
         self.open.push(Open { file: self.sources.0.len() - 1, text, at: 0, folder });

@@ -196,7 +196,8 @@ fn materials_textures_and_spectra() {
     let is = |text: &str, wanted: &str| {
         let materials = describe(text).materials;
         let wanted = toml(&format!("materials.m = {wanted}")).materials.remove("m").expect("m");
-        assert_eq!(materials.values().next(), Some(&wanted), "{text}");
+        // Those of no name come after "a" and "b".
+        assert_eq!(materials.values().next_back(), Some(&wanted), "{text}");
     };
     is(
         r#"Material "conductor" "rgb eta" [1 2 3] "rgb k" [4 5 6] "float roughness" 0.25 "bool remaproughness" false"#,
@@ -209,7 +210,7 @@ fn materials_textures_and_spectra() {
     is(
         r#"MakeNamedMaterial "a" "string type" "diffuse" MakeNamedMaterial "b" "string type" "diffuse" "rgb reflectance" [1 0 0]
            Material "mix" "string materials" ["a" "b"] "float amount" 0.25"#,
-        "{ type = \"two-sided\", front = { type = \"diffuse\" } }",
+        "{ type = \"two-sided\", front = { type = \"mix\", a = { type = \"diffuse\" }, b = { type = \"diffuse\", reflectance = [1, 0, 0] }, weight = 0.25 } }",
     );
     is(
         r#"Texture "t" "spectrum" "imagemap" "string filename" "quarters.png" "float uscale" 2 "string wrap" "clamp" "string filter" "point"
@@ -268,6 +269,10 @@ fn mistakes_have_their_places() {
     let fine =
         "Shape \"loopsubdiv\" \"integer levels\" 30 \"point3 P\" [0 0 0 1 0 0 0 1 0] \"integer indices\" [0 1 2]";
     assert!(fails(fine).1.contains("would come to more than"), "{}", fails(fine).1);
+    for flat in ["Scale 0 0 0", "Scale 1 0 1", "Transform [0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0]"] {
+        let error = strict(&format!("{flat}\n{CAMERA}WorldBegin")).expect_err(flat);
+        assert_eq!((error.line(), &*error.message), (Some(2), "the camera's transform has no inverse"), "{flat}");
+    }
     assert!(strict("WorldBegin").is_err_and(|e| e.message == "the scene has no Camera"));
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(folder.path().join("b.pbrt"), "Include \"b.pbrt\" Include \"b.pbrt\"").expect("a file");
