@@ -470,7 +470,7 @@ fn texts_that_are_no_scenes() {
 /// Arguments, what the report must say, and the place it must name, if any.
 const COMMANDS: &[(&[&str], &str, Option<&str>)] = &[
     (&["render", "cornel-box"], r#"did you mean "cornell-box"?"#, None),
-    (&["render", "xyzzy"], "built-in scenes: cornell-box, cornell-spheres", None),
+    (&["render", "xyzzy"], "built-in scenes: caustic-mirror, cornell-box, cornell-spheres", None),
     (&["render", "none.toml"], "cannot read", None),
     (&["render", "folder.toml"], "cannot read", None),
     (&["render", "picture.png"], "scene files end in .toml", None),

@@ -92,6 +92,7 @@ fn json_is_one_object_with_the_statistics() {
         "rays_by_depth",
         "shadow_rays",
         "dropped_samples",
+        "counts",
         "peak_memory_bytes",
         "error",
         "biased",
