@@ -3,9 +3,9 @@
 //! | Mitsuba | rebond |
 //! |---|---|
 //! | v of textures grows downwards | upwards: every image gets a map of (u, v) that puts it upright for the shape it is on |
-//! | an environment's rows reach from pole to pole | are bands: it is resampled ([`emitters`]) |
-//! | a cylinder | a prism of many sides with smooth normals ([`shapes`]) |
-//! | spectra | integrated into linear Rec. 709 ([`spectra`]) |
+//! | an environment's rows reach from pole to pole | are bands: it is resampled (`emitters.rs`) |
+//! | a cylinder | a prism of many sides with smooth normals (`shapes.rs`) |
+//! | spectra | integrated into linear Rec. 709 (`spectra.rs`) |
 //!
 //! All else has the same meaning, since rebond took Mitsuba's names. What rebond has no equal for is refused at its place, or left
 //! out with a warning if the import is lenient. A few models are only nearly the same; that is always said.
