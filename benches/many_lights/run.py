@@ -30,17 +30,10 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 
 from machine import commit, machine  # noqa: E402
+from pfm import read_pfm  # noqa: E402
 
 CHOICES = ("power", "tree")
 TRIMMED = 0.001
-
-
-def read_pfm(path):
-    with open(path, "rb") as f:
-        assert f.readline() == b"PF\n"
-        width, height = map(int, f.readline().split())
-        order = "<" if float(f.readline()) < 0 else ">"
-        return np.frombuffer(f.read(), order + "f4").reshape(height, width, 3).astype(np.float64)
 
 
 def render(args, scene, choice, spp, seed):

@@ -29,17 +29,10 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 
 from machine import commit, machine  # noqa: E402
+from pfm import read_pfm  # noqa: E402
 
 TRIMMED = 0.001
 TRIMMED_LAMP = 0.05
-
-
-def read_pfm(path):
-    with open(path, "rb") as f:
-        assert f.readline() == b"PF\n"
-        width, height = map(int, f.readline().split())
-        order = "<" if float(f.readline()) < 0 else ">"
-        return np.frombuffer(f.read(), order + "f4").reshape(height, width, 3).astype(np.float64)
 
 
 def render(args, scene, integrator, size, *more, seed=0):

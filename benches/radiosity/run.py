@@ -26,6 +26,7 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 
 from machine import commit, machine  # noqa: E402
+from pfm import read_pfm  # noqa: E402
 
 
 def call(args, *command):
@@ -86,14 +87,6 @@ def rays(args):
         print(json.dumps(row), flush=True)
         rows.append(row)
     return rows
-
-
-def read_pfm(path):
-    with open(path, "rb") as f:
-        assert f.readline() == b"PF\n"
-        width, height = map(int, f.readline().split())
-        order = "<" if float(f.readline()) < 0 else ">"
-        return np.frombuffer(f.read(), order + "f4").reshape(height, width, 3).astype(np.float64)
 
 
 def view(args, integrator, spp):

@@ -26,6 +26,7 @@ ROOT = HERE.parents[1]
 sys.path.insert(0, str(HERE.parent))
 
 from machine import machine  # noqa: E402
+from pfm import read_pfm  # noqa: E402
 
 TRIMMED = 0.001  # share of the worst pixels that relMSE leaves out
 REFERENCE_SEED = 9001
@@ -89,10 +90,7 @@ def run_rebond(args, seed, folder, spp=None, seconds=None):
     command += ["-i", args.integrator, "--threads", args.threads, "--json", "--quiet", "-o", picture]
     out = subprocess.run([str(c) for c in command], check=True, stdout=subprocess.PIPE, text=True).stdout
     found = json.loads(out)
-    with picture.open("rb") as f:
-        kind, (w, h), scale = f.readline().strip(), map(int, f.readline().split()), float(f.readline())
-        assert kind == b"PF" and scale < 0
-        image = np.frombuffer(f.read(), "<f4").reshape(h, w, 3)[::-1].astype(float)
+    image = read_pfm(picture)[::-1]
     return found["render_seconds"], found["samples"] / (args.size[0] * args.size[1]), image
 
 
