@@ -48,6 +48,8 @@ impl<T: Placed> PointGrid<T> {
     /// parts, whatever the number of threads.
     pub fn fill(&mut self, parts: &[&[T]], radius: f32, threads: usize) {
         let count = parts.iter().map(|p| p.len()).sum::<usize>();
+        // A thread is not begun for less.
+        let threads = threads.clamp(1, 1 + count / 8192);
         let table = count.next_power_of_two().max(2);
         self.mask = table as u32 - 1;
         self.scale = 0.5 / radius;
@@ -67,7 +69,7 @@ impl<T: Placed> PointGrid<T> {
             of_parts.push((*part, cells));
             rest = after;
         }
-        let share = parts.len().div_ceil(threads.max(1)).max(1);
+        let share = parts.len().div_ceil(threads).max(1);
         std::thread::scope(|scope| {
             for run in of_parts.chunks_mut(share) {
                 scope.spawn(move || {
@@ -82,7 +84,7 @@ impl<T: Placed> PointGrid<T> {
         });
 
         // Each thread counts, then places, what falls into its share of the table.
-        let (cells, threads) = (&self.cells[..], threads.clamp(1, 64));
+        let (cells, threads) = (&self.cells[..], threads.min(64));
         let share = table.div_ceil(threads);
         let totals: Vec<u32> = std::thread::scope(|scope| {
             let count = |(number, counts): (usize, &mut [u32])| {
@@ -224,7 +226,7 @@ mod tests {
     /// All that are within, each once, in small tables too, where rows collide; in one order for any number of threads.
     #[test]
     fn finds_what_brute_force_finds() {
-        for (n, radius) in [(0, 0.1_f32), (1, 0.1), (3, 1.0), (40, 0.3), (3000, 0.07), (3000, 2.0)] {
+        for (n, radius) in [(0, 0.1_f32), (1, 0.1), (3, 1.0), (40, 0.3), (3000, 2.0), (40_000, 0.03)] {
             let all = points(n, 1);
             let parts: Vec<&[[f32; 3]]> = all.chunks(7).collect();
             let (mut grid, mut same) = (PointGrid::default(), PointGrid::default());
