@@ -586,6 +586,7 @@ fn the_lecture_is_a_page_that_needs_nothing_else() {
         "path-tracing",
         "camera",
         "both-ends",
+        "photons",
     ] {
         assert!(page.contains(&format!("<section id=\"{section}\"")), "{section}");
         assert!(object["sections"][section]["seconds"].as_f64() > Some(0.0), "{section}");
@@ -607,8 +608,9 @@ fn the_lecture_is_a_page_that_needs_nothing_else() {
     );
 
     // Each command makes its picture to the last bit.
-    let commands: Vec<&str> =
-        page.split("<code>rebond render ").skip(1).map(|c| &c[..c.find('<').expect("an end")]).collect();
+    let commands = page.split("<code class=\"command\">").skip(1).map(|c| &c[..c.find("</code>").expect("an end")]);
+    let commands = commands.map(|c| c.replace("<span>", "").replace("</span>", ""));
+    let commands: Vec<String> = commands.filter_map(|c| Some(c.strip_prefix("rebond render ")?.to_owned())).collect();
     assert!(commands.len() > 30);
     for command in commands.iter().step_by(5) {
         let words = command.split(' ').map(|w| w.trim_matches('\''));
@@ -660,6 +662,19 @@ fn the_lecture_is_a_page_that_needs_nothing_else() {
     }
     let ends = &object["sections"]["both-ends"];
     assert_eq!(ends["caustics"]["welch"]["passes"], true, "{ends}");
+    let photons = &object["sections"]["photons"];
+    let number = |of: &Value| of.as_f64().expect("a number");
+    // More photons, less error; the gather hides what is left of it.
+    let errors = |of: &str| -> Vec<[f64; 2]> {
+        serde_json::from_value(photons["errors"][of]["points"].clone()).expect("points")
+    };
+    let (map, gather) = (errors("map"), errors("gather"));
+    assert!(map.windows(2).all(|pair| pair[1][1] < pair[0][1]), "{map:?}");
+    assert!(gather[0][1] < map[0][1], "{map:?} {gather:?}");
+    let merging = &photons["merging"];
+    assert!(number(&merging["rel_mse"]["vcm"]) < 0.2 * number(&merging["rel_mse"]["path"]), "{merging}");
+    let off = (number(&merging["over_path"]) - 1.0).abs();
+    assert!(off < 4.0 * number(&merging["standard_error"]), "{merging}");
     // N rays for each of the segment before, but for those that left or were absorbed.
     let by_depth =
         |n: &str| -> Vec<f64> { serde_json::from_value(paths["recursion"][n]["by_depth"].clone()).expect("numbers") };
@@ -675,11 +690,13 @@ fn sections_of_the_lecture_are_chosen_by_name() {
     let folder = temporary();
     let list = answer(&folder, &["lecture", "--list"]);
     assert!(list.contains("monte-carlo ") && list.contains("direct "), "{list}");
-    let name = answer(&folder, &["lecture", "--quality", "draft", "--only", "monte-carlo", "-o", "a/b"]);
+    let name = answer(&folder, &["lecture", "--quality", "draft", "--only", "monte-carlo", "--quiet", "-o", "a/b"]);
     assert_eq!(name, "a/b/index.html\n");
     assert!(!text(&bytes(&folder, "a/b/index.html")).contains("id=\"direct\""));
-    let again =
-        answer(&folder, &["lecture", "--quality", "draft", "--only", "monte-carlo", "-o", "c", "--threads", "1"]);
+    let again = answer(
+        &folder,
+        &["lecture", "--quality", "draft", "--only", "monte-carlo", "--quiet", "-o", "c", "--threads", "1"],
+    );
     assert_eq!(again, "c/index.html\n");
     assert!(
         bytes(&folder, "a/b/index.html") == bytes(&folder, "c/index.html"),
@@ -696,6 +713,79 @@ fn sections_of_the_lecture_are_chosen_by_name() {
     assert!(words.contains("monte-carlo, ambient-occlusion, direct-errors"), "{words}");
     let output = run(&folder, &["lecture", "--only", "monte-carlo", "-o", "c/index.html"]);
     assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
+}
+
+/// What stands between tags, but for code and formulas.
+fn texts(page: &str) -> Vec<String> {
+    let body = page.split_once("<body").expect("a body").1;
+    let mut all = Vec::new();
+    let mut skipped = None;
+    for piece in body.split('<').skip(1) {
+        let Some((tag, words)) = piece.split_once('>') else { continue };
+        let name = tag.split([' ', '/']).find(|n| !n.is_empty()).unwrap_or_default();
+        match skipped {
+            None if ["code", "math"].contains(&name) => skipped = Some(name),
+            Some(skipping) if tag == format!("/{skipping}") => skipped = None,
+            _ => {}
+        }
+        if skipped.is_none() {
+            all.push(words.to_owned());
+        }
+        // What is said to who does not see.
+        all.extend(["alt=\"", "aria-label=\""].iter().filter_map(|of| {
+            let said = tag.split_once(of)?.1;
+            Some(said.split_once('"')?.0.to_owned())
+        }));
+    }
+    all
+}
+
+/// The same page in French: the same numbers, no sentence of the English one, and commas in numbers.
+#[test]
+fn the_lecture_speaks_french() {
+    let folder = temporary();
+    let make = |language: &str, name: &str| {
+        let arguments = ["lecture", "--quality", "draft", "--only", "monte-carlo,camera", "--quiet", "--json"];
+        json(&answer(
+            &folder,
+            &[&arguments[..], &["--lang", language, "-o", name, "--book", &format!("{name}-book")]].concat(),
+        ))
+    };
+    let (mut english, mut french) = (make("en", "en"), make("fr", "fr"));
+    for object in [&mut english, &mut french] {
+        object["outputs"].take();
+        object["sections"].as_object_mut().expect("sections").values_mut().for_each(|s| {
+            s["seconds"].take();
+        });
+    }
+    assert_eq!(english, french);
+    let [english, french] = ["en", "fr"].map(|name| text(&bytes(&folder, &format!("{name}/index.html"))));
+    assert!(french.contains("<html lang=\"fr\">") && french.contains("0,78540"));
+    let [english, french] = [english, french].map(|page| texts(&page));
+    assert_eq!(english.len(), french.len());
+    let is_sentence = |words: &&String| words.split_whitespace().filter(|word| word.len() > 3).count() > 2;
+    assert!(english.iter().filter(is_sentence).count() > 20);
+    let same: Vec<&String> = french.iter().filter(is_sentence).filter(|words| english.contains(words)).collect();
+    assert!(same.is_empty(), "{same:?}");
+    let points: Vec<&String> = french
+        .iter()
+        .filter(|words| {
+            words.as_bytes().windows(3).any(|w| w[0].is_ascii_digit() && w[1] == b'.' && w[2].is_ascii_digit())
+        })
+        .filter(|words| !words.contains("rebond"))
+        .collect();
+    assert!(points.is_empty(), "{points:?}");
+
+    // The book has a chapter for each, and what it refers to.
+    let summary = text(&bytes(&folder, "fr-book/SUMMARY.md"));
+    assert!(summary.contains("- [Monte-Carlo](monte-carlo.md)\n"), "{summary}");
+    for chapter in ["monte-carlo", "camera"] {
+        let chapter = text(&bytes(&folder, &format!("fr-book/{chapter}.md")));
+        assert!(chapter.contains("<math") && chapter.contains("`crates/rebond/src/"), "{chapter}");
+        let pictures: Vec<&str> =
+            chapter.split("src=\"").skip(1).map(|p| p.split_once('"').expect("an end").0).collect();
+        assert!(pictures.len() > 1 && pictures.iter().all(|p| !bytes(&folder, &format!("fr-book/{p}")).is_empty()));
+    }
 }
 
 const OF_MITSUBA: &str = r#"<scene version="3.0.0">
