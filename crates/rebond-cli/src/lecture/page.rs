@@ -225,6 +225,7 @@ pub fn formula(latex: &str) -> Markup {
     if written.is_err() || out.contains("<merror") {
         html! { code { (latex) } }
     } else {
-        PreEscaped(out)
+        // It leaves this sign as it is.
+        PreEscaped(out.replace("<mo><</mo>", "<mo>&lt;</mo>"))
     }
 }

@@ -184,7 +184,7 @@ fn errors(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
             y: Axis { label: "relMSE", log: true, range: None },
             bands: vec![],
             curves,
-            legend: Legend::LowerLeft,
+            legend: Legend::UpperRight,
         },
         [
             "Two lines: the map's falls steadily, the gather's lies lower and falls less",
@@ -215,7 +215,7 @@ fn errors(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
 
 fn merging(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
     out.heading(["Vertex connection and merging", "Connexion et fusion de sommets"]);
-    out.formula(r"p_{merge}=p(y_0\ldots y)\;p(z\ldots z_0)\;N\pi r^2,\qquad |y-z|<r");
+    out.formula(r"p_{M}=p(y_0\ldots y)\;p(z\ldots z_0)\;N\pi r^2,\qquad |y-z|<r");
     out.text([
         "Both in one: a photon near a vertex of the eye's walk is one more way to find the path, with a density like every other, and \
          multiple importance sampling weighs connecting against merging. A lamp in a globe of glass, seen with its caustics in a mirror: \
