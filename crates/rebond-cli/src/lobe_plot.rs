@@ -46,8 +46,8 @@ pub const ENGLISH: Words = Words {
 };
 
 pub const FRENCH: Words = Words {
-    radius: "rayon √(f / plus grand f)",
-    largest: "plus grand f",
+    radius: "rayon √(f / f max)",
+    largest: "f max",
     no_lobe: "aucun lobe",
     light_from: "lumière de",
     above: "dessus",
@@ -131,7 +131,7 @@ fn polar(out: &mut String, material: &Material, top: f64, words: Words) -> f64 {
             if largest > 0.0 { format!("{} {}", words.largest, rounded(largest)) } else { words.no_lobe.into() };
         let _ = writeln!(out, "<rect x=\"{legend}\" y=\"{:.0}\" width=\"14\" height=\"4\" fill=\"{color}\"/>", y - 7.0);
         let (x, from) = (legend + 22.0, words.light_from);
-        let _ = writeln!(out, "<text x=\"{x:.0}\" y=\"{y:.0}\">{from} {theta:.0}°: {of_lobe}</text>");
+        let _ = writeln!(out, "<text x=\"{x:.0}\" y=\"{y:.0}\">{from} {theta:.0}°, {of_lobe}</text>");
         // Where the light comes from.
         let ((x0, y0), (x1, y1)) = (place(-theta, 1.02), place(-theta, 0.92));
         let _ = writeln!(

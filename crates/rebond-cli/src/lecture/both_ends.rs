@@ -100,7 +100,7 @@ fn rooms(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
         ("indirect-room", "The door ajar", "La porte entrouverte"),
     ] {
         let stage = workshop.stage(scene, size)?;
-        let long = Shot::new("bidirectional", workshop.pick([64, 192, 4096])).independent(9);
+        let long = Shot::new("bidirectional", workshop.pick([64, 128, 4096])).independent(9);
         let (reference, _) = workshop.film(&stage, &long)?;
         let colours = |film: &Film| film.values().map(|v| v.mean.map(|x| x as f32)).collect::<Vec<_>>();
         let reference = colours(&reference);

@@ -229,3 +229,14 @@ pub fn formula(latex: &str) -> Markup {
         PreEscaped(out.replace("<mo><</mo>", "<mo>&lt;</mo>"))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn formulas_are_escaped() {
+        let less = formula("a<b").into_string();
+        assert!(less.contains("<mo>&lt;</mo>") && !less.contains("<<"), "{less}");
+    }
+}
