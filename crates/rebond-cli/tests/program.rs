@@ -564,6 +564,39 @@ fn what_has_no_table_is_not_captured() {
     assert!(names_in(folder.path()).is_empty());
 }
 
+/// What shows each of the lecture's algorithms, in its order.
+const ROWS: &[(&str, &[&str])] = &[
+    ("point lights, shadows off and on", &["direct-no-shadows.png", "direct-shadows.png"]),
+    ("linearity", &["direct-light-0.png", "direct-light-1.png", "direct-light-2.png", "direct-all-lights.png"]),
+    ("area lights, many lights", &["direct-veach-mis.png", "direct-many-lights.png"]),
+    ("Phong of 60 and 300", &["direct-phong.png", "materials-phong-60.png", "materials-phong-300.png"]),
+    ("mirrors of blurred lights", &["materials-phong-60-blurred-light.png", "materials-phong-300-blurred-light.png"]),
+    ("anisotropic and tabulated", &["materials-anisotropic.svg", "materials-table-lobe.svg", "materials-gallery.png"]),
+    ("factors of the integrand", &["direct-factor-le.png", "direct-factor-v.png", "direct-factor-bsdf.png"]),
+    ("radiosity", &["radiosity-flat.png", "radiosity-smooth.png"]),
+    ("one dimension, strata, importance", &["monte-carlo-error.svg", "monte-carlo-convergence.svg"]),
+    ("ambient occlusion, whole sphere", &["ao-sphere-10.png", "ao-sphere-100.png", "ao-sphere-1000.png"]),
+    ("hemisphere", &["ao-hemisphere-10.png", "ao-hemisphere-100.png", "ao-hemisphere-1000.png"]),
+    ("cosine", &["ao-cosine-10.png", "ao-cosine-100.png", "ao-cosine-1000.png"]),
+    ("two experiments", &["ao-experiment-occluded.svg", "ao-experiment-open.svg", "ao-spheres.svg"]),
+    (
+        "direct by area, solid angle, product",
+        &["direct-veach-mis-area.png", "direct-veach-mis-solid-angle.png", "direct-sky-product.png"],
+    ),
+    ("recursive", &["path-four.png", "path-rays-by-depth.svg"]),
+    ("implicit, explicit", &["path-implicit.png", "path-explicit.png"]),
+    ("clamped", &["path-depth-1.png", "path-depth-2.png", "path-depth-3.png", "path-depth-4.png"]),
+    ("Russian roulette", &["path-roulette.csv"]),
+    ("emission and direct", &["path-emission.png", "path-direct-diffuse.png", "path-direct-specular.png"]),
+    ("one bounce", &["path-indirect-diffuse.png", "path-indirect-specular.png"]),
+    ("antialiasing, motion blur, depth of field", &["camera-1-spp.png", "camera-8-spp.png"]),
+    ("caustics by light tracing", &["ends-caustic-path.png", "ends-caustic-light.png"]),
+    ("56 and 25", &["ends-veach-bidir-path.png", "ends-veach-bidir-bidirectional.png"]),
+    ("indirect room", &["ends-indirect-room-path.png", "ends-indirect-room-bidirectional.png"]),
+    ("photon map, final gathering", &["photons-map.png", "photons-gather.png", "photons-stored.png"]),
+    ("vertex connection and merging", &["photons-mirror-vcm.png"]),
+];
+
 /// The lecture's page: every file it names, pictures that commands make again, and numbers as theory has them.
 #[test]
 fn the_lecture_is_a_page_that_needs_nothing_else() {
@@ -574,6 +607,10 @@ fn the_lecture_is_a_page_that_needs_nothing_else() {
     let mut written: Vec<&str> = written.map(|n| n.as_str().expect("a name").trim_start_matches("page/")).collect();
     written.sort_unstable();
     assert_eq!(names, written);
+    for (row, files) in ROWS {
+        let missing: Vec<&&str> = files.iter().filter(|file| !written.contains(file)).collect();
+        assert!(missing.is_empty(), "{row}: {missing:?}");
+    }
 
     let page = text(&bytes(&folder, "page/index.html"));
     for section in [

@@ -106,7 +106,7 @@ fn spheres(workshop: &Workshop, out: &mut Findings) {
     type Warp = fn([f64; 2]) -> [f64; 3];
     for (warp, title, cx) in [
         (right_sphere as Warp, ["θ = acos(1 − 2ξ): uniform", "θ = acos(1 − 2ξ) : uniforme"], 190.0),
-        (wrong_sphere, ["θ = πξ: clustered at the poles", "θ = πξ : entassé aux pôles"], 570.0),
+        (wrong_sphere, ["θ = πξ: clustered at the poles", "θ = πξ : concentré aux pôles"], 570.0),
     ] {
         let title = workshop.say(title);
         // Writing to a string cannot fail.
@@ -134,11 +134,11 @@ fn spheres(workshop: &Workshop, out: &mut Findings) {
         svg,
         [
             "Points on two spheres: spread evenly on the left, crowded about the pole on the right",
-            "Des points sur deux sphères : répartis également à gauche, entassés près du pôle à droite",
+            "Des points sur deux sphères : répartis également à gauche, concentrés près du pôle à droite",
         ],
         [
             "The same random numbers, made directions in two ways; paler points are behind",
-            "Les mêmes nombres aléatoires, changés en directions de deux façons ; les points pâles sont derrière",
+            "Les mêmes nombres aléatoires, transformés en directions de deux façons ; les points pâles sont derrière",
         ],
     );
     let [(right, open), (wrong, too_much)] = [shares[0], shares[1]];
@@ -155,7 +155,7 @@ fn spheres(workshop: &Workshop, out: &mut Findings) {
         format!(
             "Part des directions à moins de 30° d'un pôle : {share:.4} ± {error:.4} par la bonne façon (théorie 1 − cos 30° = \
              {by_theory:.4}), {crowded:.4} par la mauvaise (théorie 1/3). Prise pour uniforme, la mauvaise donne à un plan dégagé la \
-             clarté {bright:.3} ± {bright_error:.3} (théorie 4/π = {bright_theory:.3}) là où la bonne donne {as_it_is:.3} (1)."
+             luminosité {bright:.3} ± {bright_error:.3} (théorie 4/π = {bright_theory:.3}) là où la bonne donne {as_it_is:.3} (1)."
         ),
     ]);
     let value = |m: &Moments, theory: f64| json!({ "theory": theory, "measured": m.mean(), "p": m.p_value(theory) });

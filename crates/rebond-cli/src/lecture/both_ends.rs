@@ -12,7 +12,7 @@ use serde_json::json;
 
 pub const SECTION: Section = Section {
     name: "both-ends",
-    title: ["From the light, and from both ends", "Depuis la lumière, et par les deux bouts"],
+    title: ["From the light, and from both ends", "Depuis la lumière, et depuis les deux extrémités"],
     makes: "light tracing, caustics; bidirectional path tracing of 25 paths beside 56 of path tracing; a room lit indirectly",
     sources: &[
         "crates/rebond/src/integrators/light.rs",
@@ -46,7 +46,7 @@ fn caustics(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
     for (name, from, depuis) in [
         ("path", "from the eye", "depuis l'œil"),
         ("light", "from the light", "depuis la lumière"),
-        ("bidirectional", "from both ends", "par les deux bouts"),
+        ("bidirectional", "from both ends", "depuis les deux extrémités"),
     ] {
         let integrator = format!("{name}:{caustics}");
         let (picture, _) = workshop.shot(
@@ -75,7 +75,7 @@ fn caustics(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
              times that of paths from the light."
         ),
         format!(
-            "Depuis la lumière et par les deux bouts : {french}. Pour autant d'échantillons, la variance des chemins depuis l'œil est \
+            "Depuis la lumière et depuis les deux extrémités : {french}. Pour autant d'échantillons, la variance des chemins depuis l'œil est \
              {ratio:.0} fois celle des chemins depuis la lumière."
         ),
     ]);
@@ -84,13 +84,13 @@ fn caustics(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
 }
 
 fn rooms(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
-    out.heading(["56 paths, or 25 from both ends", "56 chemins, ou 25 par les deux bouts"]);
+    out.heading(["56 paths, or 25 from both ends", "56 chemins, ou 25 depuis les deux extrémités"]);
     out.text([
         "A path of N vertices can be found in N − 1 ways with at least one vertex at each end; every connection of the two walks is one \
          of them, weighed by how likely each way was. A lamp that lights the ceiling only, a spotlight on a glass egg; and a room \
          whose lamp is next door.",
-        "Un chemin de N sommets peut être trouvé de N − 1 façons avec au moins un sommet à chaque bout ; chaque connexion des deux \
-         marches en est une, pondérée selon la probabilité de chaque façon. Une lampe qui n'éclaire que le plafond, un projecteur sur \
+        "Un chemin de N sommets peut être trouvé de N − 1 façons avec au moins un sommet à chaque extrémité ; chaque connexion des deux \
+         sous-chemins en est une, pondérée selon la probabilité de chaque façon. Une lampe qui n'éclaire que le plafond, un projecteur sur \
          un œuf de verre ; puis une pièce dont la lampe est dans la pièce voisine.",
     ]);
     let size = workshop.pick([[24, 18], [192, 144], [512, 384]]);

@@ -37,7 +37,7 @@ fn run(workshop: &Workshop) -> Result<Findings, Failure> {
          segments is judged by Welch's test on small pictures, all rows together at 1 %.",
         "Des échantillons indépendants. La variance est celle d'un seul échantillon, divisée par le carré de la moyenne de son pixel \
          (+ 0.01), en moyenne sur l'image : la relMSE de N échantillons en est le N-ième. Les pixels où une lampe est visible, et leurs \
-         voisins, sont écartés : leur bruit est celui de son bord, le même pour tous. L'accord avec le tracé de chemins coupé à deux \
+         voisins, sont écartés : leur bruit est celui de son bord, le même pour tous. L'accord avec le tracé de chemins tronqué à deux \
          segments est jugé par le test de Welch sur de petites images, toutes les lignes ensemble à 1 %.",
     ]);
     let (mut rows, mut numbers) = (Vec::new(), Map::new());
@@ -55,9 +55,7 @@ fn run(workshop: &Workshop) -> Result<Findings, Failure> {
                 format!("{:.2}", r.variance / mis.variance),
                 format!("{:.2}", r.seconds),
                 format!("{:.2}", r.variance * r.seconds / (mis.variance * mis.seconds)),
-                workshop
-                    .say([verdict(&r.test), if r.test.passes() { "elles s'accordent" } else { "elles diffèrent" }])
-                    .into(),
+                workshop.say([verdict(&r.test), if r.test.passes() { "accord" } else { "désaccord" }]).into(),
             ]);
             let one = json!({ "variance": r.variance, "seconds_per_million": r.seconds, "welch": of_test(&r.test) });
             object.insert(sampling.to_string(), one);

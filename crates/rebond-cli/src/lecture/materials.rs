@@ -153,7 +153,9 @@ fn readings(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
         format!(
             "The brightness of the two readings differs by {at_60:+.2} % for r = 60 and {at_300:+.2} % for r = 300."
         ),
-        format!("La clarté des deux lectures diffère de {at_60:+.2} % pour r = 60 et de {at_300:+.2} % pour r = 300."),
+        format!(
+            "La luminosité des deux lectures diffère de {at_60:+.2} % pour r = 60 et de {at_300:+.2} % pour r = 300."
+        ),
     ]);
     out.number("readings", json!(brightness));
     Ok(())

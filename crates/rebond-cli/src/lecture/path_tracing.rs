@@ -161,10 +161,10 @@ fn modes(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
 }
 
 fn clamped(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
-    out.heading(["Paths cut off", "Des chemins coupés"]);
+    out.heading(["Paths cut off", "Des chemins tronqués"]);
     out.text([
         "At most p segments: p = 1, 2, 3, 4, and all. What is cut off is missing, so the first four are biased.",
-        "Au plus p segments : p = 1, 2, 3, 4, puis tous. Ce qui est coupé manque : les quatre premières images sont biaisées.",
+        "Au plus p segments : p = 1, 2, 3, 4, puis tous. Ce qui est tronqué manque : les quatre premières images sont biaisées.",
     ]);
     let (stage, samples) = spheres(workshop)?;
     let (mut row, mut brightness) = (Vec::new(), Vec::new());
@@ -254,7 +254,7 @@ fn classes(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
         "By what happened from the light (L) to the eye (E): D is a diffuse reflection, S a mirror's, T light that \
          passes. The number of vertices counts both ends.",
         "Selon ce qui arrive de la lumière (L) à l'œil (E) : D est une réflexion diffuse, S celle d'un miroir, T la lumière qui traverse. \
-         Le nombre de sommets compte les deux bouts.",
+         Le nombre de sommets compte les deux extrémités.",
     ]);
     let (stage, samples) = spheres(workshop)?;
     let (mut row, mut sum, mut numbers) = (Vec::new(), 0.0, serde_json::Map::new());
@@ -296,7 +296,7 @@ fn classes(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
 }
 
 fn growing(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
-    out.heading(["What is slow about it", "Ce qu'il a de lent"]);
+    out.heading(["What is slow about it", "Ses lenteurs"]);
     out.text([
         "The noise falls with the root of the number of samples only; caustics and what lamps do not see keep it longest.",
         "Le bruit ne décroît que comme la racine du nombre d'échantillons ; les caustiques et ce que les lampes ne voient pas le gardent \

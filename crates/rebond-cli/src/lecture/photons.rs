@@ -117,7 +117,7 @@ fn map(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
             .into(),
         caption: workshop.say([
             format!("photons of 20 000 walks, where the eye sees them: layer of `-i {shown}`"),
-            format!("les photons de 20 000 marches, là où l'œil les voit : couche de `-i {shown}`"),
+            format!("les photons de 20 000 trajets, là où l'œil les voit : couche de `-i {shown}`"),
         ]),
         command: None,
     };
@@ -220,7 +220,7 @@ fn merging(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
         "Both in one: a photon near a vertex of the eye's walk is one more way to find the path, with a density like every other, and \
          multiple importance sampling weighs connecting against merging. A lamp in a globe of glass, seen with its caustics in a mirror: \
          light that neither paths from the eye nor connections find but by chance.",
-        "Les deux en un : un photon proche d'un sommet de la marche de l'œil est une façon de plus de trouver le chemin, avec une densité \
+        "Les deux en un : un photon proche d'un sommet du sous-chemin de l'œil est une façon de plus de trouver le chemin, avec une densité \
          comme les autres, et l'échantillonnage préférentiel multiple pondère connexions et fusions. Une lampe dans un globe de verre, \
          vue avec ses caustiques dans un miroir : de la lumière que ni les chemins depuis l'œil ni les connexions ne trouvent, sinon par \
          hasard.",
