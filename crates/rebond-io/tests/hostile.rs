@@ -316,6 +316,28 @@ fn a_megabyte_of_malice_is_refused() {
     }
     let entity = r#"<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">]><scene version="3.0.0">&b;</scene>"#;
     assert!(error(entity).contains("not valid XML"), "{}", error(entity));
+    // pbrt: attributes without end, round shapes that have to be meshes, and textures of a texture, each worked out.
+    let pbrt = |text: &str| match read_pbrt(
+        &format!("Camera \"perspective\" WorldBegin {text}"),
+        "a.pbrt",
+        &pbrt(),
+        LENIENT,
+    ) {
+        Err(e) => e.message,
+        Ok(scene) => format!("{} images", scene.files.images.len()),
+    };
+    assert!(pbrt(&"AttributeBegin ".repeat(70_000)).contains("within each other"));
+    assert!(pbrt(&"Shape \"sphere\" \"float phimax\" 9 ".repeat(30_000)).contains("would come to more than"));
+    assert!(pbrt(&"Shape \"cylinder\" ".repeat(50_000)).contains("would come to more than"));
+    let image = "Texture \"0\" \"spectrum\" \"imagemap\" \"string filename\" \"parts/quarters.png\" ";
+    let scale = |i: usize| {
+        let of = format!("\"texture tex\" \"{i}\" \"float scale\" 0.9999");
+        format!(
+            "Texture \"{}\" \"spectrum\" \"scale\" {of} Material \"diffuse\" \"texture reflectance\" \"{i}\" ",
+            i + 1
+        )
+    };
+    assert_eq!(pbrt(&format!("{image}{}", (0..3000).map(scale).collect::<String>())), "2999 images");
     // glTF: what is said to be there and is not, and nodes that double a thousand times.
     let gltf = |value: &str| match read_gltf(value.as_bytes(), "a.gltf", &data(), LENIENT) {
         Err(e) => e.message,

@@ -114,3 +114,15 @@ fn pictures_are_those_of_the_same_scene() {
     }
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
+
+#[test]
+fn converted_scenes_are_the_same_pictures() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for name in SCENES {
+        let source = open(name, "pbrt");
+        let out = folder.path().join(format!("{name}.toml"));
+        rebond_io::convert(&source, &out).unwrap_or_else(|e| panic!("{}", e.snippet()));
+        let again = SceneSource::open(&out.display().to_string()).unwrap_or_else(|e| panic!("{}", e.snippet()));
+        assert_eq!(picture(&source, 1, 1), picture(&again, 1, 1), "{name}");
+    }
+}

@@ -19,8 +19,8 @@ const CUTS: usize = 16;
 const RINGS: usize = 64;
 /// Rows that an environment is brought to.
 const SKY_ROWS: usize = 1024;
-/// Triangles that subdivision and patches may come to in a scene.
-const MOST_TRIANGLES: usize = 1 << 20;
+/// Triangles that stand in no file and that a scene may come to: of subdivision, patches and round shapes.
+const MOST_TRIANGLES: usize = 1 << 21;
 
 impl Importer<'_> {
     pub fn shape(&mut self) -> Result<()> {
@@ -157,9 +157,10 @@ impl Importer<'_> {
     fn cut(&mut self, triangles: usize, at: Spot) -> Result<()> {
         self.cut = self.cut.saturating_add(triangles);
         if self.cut > MOST_TRIANGLES {
-            return Err(
-                self.error(at, format!("subdivision and patches would come to more than {MOST_TRIANGLES} triangles"))
-            );
+            return Err(self.error(
+                at,
+                format!("subdivision, patches and round shapes would come to more than {MOST_TRIANGLES} triangles"),
+            ));
         }
         Ok(())
     }
@@ -208,9 +209,7 @@ impl Importer<'_> {
     /// A surface of revolution, made once.
     fn lathed(&mut self, name: &str, rows: &[Row], sweep: f64, at: Spot) -> Result<String> {
         let what = format!("{name} {rows:?} {sweep}");
-        if rows.len() > 2 {
-            self.cut(2 * SIDES as usize * (rows.len() - 1), at)?;
-        }
+        self.cut(2 * SIDES as usize * (rows.len() - 1), at)?;
         if let Some(file) = self.made.get(&what) {
             return Ok(file.clone());
         }
