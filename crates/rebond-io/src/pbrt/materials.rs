@@ -126,13 +126,7 @@ impl Importer<'_> {
             "mix" => {
                 let names = p.get("materials").map(|q| q.words.clone()).unwrap_or_default();
                 let [a, b] = &names[..] else { return Err(self.error(at, "a mix is of two materials")) };
-                let weight = match p.get("amount") {
-                    Some(q) if q.kind == "texture" => {
-                        self.unsupported(q.at, "an image for the amount of a mix: half is")?;
-                        0.5
-                    }
-                    _ => self.number(p, "amount", 0.5)?,
-                };
+                let weight = self.number_of(p, "amount", 0.5)?;
                 // What is mixed must not be two-sided by itself: the mix is.
                 let part = |name: &String| match self.scene.materials.get(name) {
                     Some(M::TwoSided { front, back: None }) => Ok((front.clone(), true)),
@@ -159,15 +153,8 @@ impl Importer<'_> {
     /// α along u and v: the root of roughness, unless it is not to be remapped.
     fn roughness(&mut self, p: &Parameters, default: f64) -> Result<[f32; 2]> {
         let remap = self.flag(p, "remaproughness", true)?;
-        let mut one = |name: &str, default: f64| match p.get(name) {
-            Some(q) if q.kind == "texture" => {
-                self.unsupported(q.at, format!("a texture for \"{name}\""))?;
-                Ok(default as f32)
-            }
-            _ => self.number(p, name, default),
-        };
-        let both = f64::from(one("roughness", default)?);
-        let (u, v) = (one("uroughness", both)?, one("vroughness", both)?);
+        let both = f64::from(self.number_of(p, "roughness", default)?);
+        let (u, v) = (self.number_of(p, "uroughness", both)?, self.number_of(p, "vroughness", both)?);
         Ok([u, v].map(|x| if remap { x.max(0.0).sqrt() } else { x }))
     }
 

@@ -1,5 +1,6 @@
 use super::*;
 use crate::SceneSource;
+use rebond::scene::description::MaterialDescription;
 use rebond::shape::MeshData;
 
 fn folder() -> std::path::PathBuf {
@@ -169,6 +170,27 @@ fn chained_textures_are_worked_out_once() {
     assert_eq!(images.len(), 1);
     // The corner is white: 0.95 to the power of 50.
     assert!((images[0][0][1] - 0.95_f32.powi(50)).abs() < 1e-5, "{:?}", images[0][0]);
+}
+
+/// What has to be one number is, where a texture is; of an image its mean, which is not the same.
+#[test]
+fn textures_of_numbers_are_numbers() {
+    let flat = r#"Texture "r" "float" "constant" "float value" 0.5 Texture "s" "float" "scale" "texture tex" "r" "float scale" 0.5"#;
+    let image = r#"Texture "s" "float" "imagemap" "string filename" "holes.png""#;
+    let alpha = |texture: &str, lenient: bool| -> Result<f32> {
+        let text = format!(
+            "{CAMERA}WorldBegin {texture} Material \"dielectric\" \"texture roughness\" \"s\" Shape \"sphere\""
+        );
+        let scene = read_pbrt(&text, "a.pbrt", &folder(), ImportOptions { lenient, ..ImportOptions::default() })?;
+        match scene.description.materials.values().next() {
+            Some(MaterialDescription::Dielectric { alpha, .. }) => Ok(*alpha),
+            other => panic!("{other:?}"),
+        }
+    };
+    assert_eq!(alpha(flat, false).expect("a scene"), 0.5);
+    assert_eq!(alpha(image, false).expect_err("an image").message, "a texture for \"roughness\": its mean is");
+    // Of 64 texels 16 are black.
+    assert!((alpha(image, true).expect("a scene") - 0.75_f32.sqrt()).abs() < 1e-5);
 }
 
 /// A round shape that is stretched is itself where the library can have it so, and a mesh where it cannot.

@@ -85,6 +85,20 @@ impl Importer<'_> {
         }
     }
 
+    /// A number where rebond has no texture; the mean of what varies.
+    pub fn number_of(&mut self, p: &Parameters, name: &str, default: f64) -> Result<f32> {
+        let Some(q) = p.get(name).filter(|q| q.kind == "texture") else { return self.number(p, name, default) };
+        match self.known(q, true)? {
+            Known::Flat([x, ..]) => Ok(x),
+            Known::Picture(picture) => {
+                self.unsupported(q.at, format!("a texture for \"{name}\": its mean is"))?;
+                let (_, texels) = self.decoded(&picture.image.image, picture.image.encoding, q.at)?;
+                let sum: f64 = texels.iter().map(|t| f64::from(picture.texel(*t)[0])).sum();
+                Ok((sum / texels.len().max(1) as f64) as f32)
+            }
+        }
+    }
+
     fn known(&mut self, q: &Parameter, float: bool) -> Result<Known> {
         match (&*q.kind, &q.numbers[..], &q.words[..]) {
             ("texture", _, [name]) => match self.textures.get(&(float, name.clone())) {
