@@ -65,6 +65,22 @@ impl Places {
         Self { sources, ..self }
     }
 
+    /// Forgets element i of a list; those after it come one earlier.
+    pub(crate) fn remove(&mut self, list: &str, i: usize) {
+        let moved = |path: String| {
+            let number =
+                path.strip_prefix(list).and_then(|rest| rest.strip_prefix('[')).and_then(|rest| rest.split_once(']'));
+            let Some((number, rest)) = number else { return Some(path) };
+            match number.parse::<usize>() {
+                Ok(n) if n == i => None,
+                Ok(n) if n > i => Some(format!("{list}[{}]{rest}", n - 1)),
+                _ => Some(path),
+            }
+        };
+        let parts = std::mem::take(&mut self.parts);
+        self.parts = parts.into_iter().filter_map(|(path, part)| moved(path).map(|path| (path, part))).collect();
+    }
+
     /// An error about the value of that path: at the place of the narrowest part known.
     pub fn error_at(&self, path: &str, message: impl Into<String>) -> Error {
         let ends = path.char_indices().filter(|(_, c)| matches!(c, '.' | '[')).map(|(i, _)| i);
@@ -252,5 +268,10 @@ mod tests {
         assert_eq!(line("shapes[1].material.opacity.image"), Some(4));
         assert_eq!(line("materials.a b.alpha"), Some(5));
         assert_eq!(line("shapes[2]"), None);
+        places.remove("shapes", 0);
+        let line = |path: &str| places.error_at(path, "no").line();
+        assert_eq!((line("shapes[0].material"), line("shapes[1]"), line("materials.a b")), (Some(4), None, Some(5)));
+        places.remove("shapes", 0);
+        assert_eq!(places.error_at("shapes[0]", "no").line(), None);
     }
 }
