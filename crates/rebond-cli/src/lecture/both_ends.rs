@@ -17,7 +17,7 @@ pub const SECTION: Section = Section {
     sources: &[
         "crates/rebond/src/integrators/light.rs",
         "crates/rebond/src/integrators/bidirectional.rs",
-        "crates/rebond/src/transport/sub_path.rs",
+        "crates/rebond/src/transport/ways.rs",
     ],
     run,
 };
