@@ -285,6 +285,7 @@ impl Importer<'_> {
                     image,
                     encoding: Encoding::Linear,
                     wrap: Wrap::Repeat,
+                    wrap_v: None,
                     filter: TextureFilter::Nearest,
                     repeat: [1.0; 2],
                     to_uv: Some(to_uv),
@@ -378,7 +379,7 @@ impl Importer<'_> {
             image = self.assets.add_image("texture", Image::from_rgb(pixels.0[0], pixels.0[1], &values));
         }
         let to_uv = (to_uv != rebond::texture::SAME_UV).then_some(to_uv);
-        Ok(Texture::Image(ImageTexture { image, encoding, wrap, filter, repeat: [1.0; 2], to_uv }))
+        Ok(Texture::Image(ImageTexture { image, encoding, wrap, wrap_v: None, filter, repeat: [1.0; 2], to_uv }))
     }
 
     fn decoded(&self, file: &str, encoding: Encoding, at: Spot) -> Result<([u32; 2], Vec<[f32; 3]>)> {

@@ -419,7 +419,7 @@ impl<'a> Builder<'a> {
 
     /// The number of an image whose values lie within [0, 1].
     fn image_texture(&mut self, path: &str, texture: &ImageTexture, range: &str) -> Result<u32> {
-        let ImageTexture { image: file, encoding, wrap, filter, repeat, to_uv } = texture;
+        let ImageTexture { image: file, encoding, wrap, wrap_v, filter, repeat, to_uv } = texture;
         let path = format!("{path}.image");
         let (size, texels) = self.image(&path, file, *encoding)?;
         let (mut over, mut negative) = (0, 0);
@@ -439,7 +439,7 @@ impl<'a> Builder<'a> {
             return Err(BuildError::new(path, "`to_uv` is not finite"));
         }
         let map = [0, 1].map(|row| map[row].map(|x| x * repeat[row]));
-        Ok(self.textures.add(size, &texels, *wrap, *filter, map))
+        Ok(self.textures.add(size, &texels, [*wrap, wrap_v.unwrap_or(*wrap)], *filter, map))
     }
 
     fn image(&self, path: &str, file: &str, encoding: Encoding) -> Result<([u32; 2], Vec<[f32; 3]>)> {

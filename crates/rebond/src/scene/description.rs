@@ -177,6 +177,9 @@ pub struct ImageTexture {
     /// Outside the unit square.
     #[serde(default)]
     pub wrap: Wrap,
+    /// The same along v, if it is otherwise than along u.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub wrap_v: Option<Wrap>,
     /// Between texels.
     #[serde(default)]
     pub filter: TextureFilter,
