@@ -5,7 +5,7 @@
 
 use proptest::prelude::*;
 use proptest::test_runner::{Config, TestRunner};
-use rebond_io::{ImportOptions, SceneSource, read_gltf, read_mitsuba, read_pbrt};
+use rebond_io::{ImportOptions, Imported, SceneSource, read_gltf, read_mitsuba, read_obj_scene, read_pbrt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -22,6 +22,17 @@ fn swallow(format: Format, bytes: &[u8]) {
             Format::Mitsuba => read_mitsuba(&String::from_utf8_lossy(bytes), "a.xml", &data(), options),
             Format::Pbrt => read_pbrt(&String::from_utf8_lossy(bytes), "a.pbrt", &data().join("parts"), options),
             Format::Gltf => read_gltf(bytes, "a.gltf", &data(), options),
+            Format::Obj => read_obj_scene(bytes, "a.obj", &data().join("../obj"), options),
+            Format::Mtl => {
+                let folder = tempfile::tempdir().expect("a folder");
+                std::fs::write(folder.path().join("room.mtl"), bytes).expect("a file");
+                let image = std::fs::read(data().join("../obj/quarters.png")).expect("an image");
+                std::fs::write(folder.path().join("quarters.png"), image).expect("a file");
+                let room = std::fs::read(data().join("../obj/room.obj")).expect("a scene");
+                let read = read_obj_scene(&room, "a.obj", folder.path(), options);
+                // While its images are there.
+                read.map(|scene| drop(SceneSource::imported(scene, "a").build())).map(|()| Imported::default())
+            }
         };
         match read {
             Ok(scene) => drop(SceneSource::imported(scene, "a").build()),
@@ -35,11 +46,15 @@ enum Format {
     Mitsuba,
     Pbrt,
     Gltf,
+    Obj,
+    Mtl,
 }
 
 /// Good files to begin with.
 fn seeds(format: Format) -> Vec<Vec<u8>> {
     match format {
+        Format::Obj => vec![std::fs::read(data().join("../obj/room.obj")).expect("a scene")],
+        Format::Mtl => vec![std::fs::read(data().join("../obj/room.mtl")).expect("a library")],
         Format::Mitsuba => {
             let entries = std::fs::read_dir(data()).expect("a folder").map(|e| e.expect("an entry").path());
             let mut files: Vec<PathBuf> = entries.filter(|p| p.extension().is_some_and(|e| e == "xml")).collect();
@@ -215,11 +230,17 @@ fn broken_gltf_scenes_end() {
 }
 
 #[test]
+fn broken_obj_scenes_end() {
+    fuzz(Format::Obj, 300);
+    fuzz(Format::Mtl, 300);
+}
+
+#[test]
 #[expect(clippy::print_stdout)]
 #[ignore = "as long as REBOND_FUZZ_SECONDS says, with each format"]
 fn for_a_long_time() {
     let seconds = std::env::var("REBOND_FUZZ_SECONDS").ok().and_then(|s| s.parse().ok()).unwrap_or(60);
-    for format in [Format::Pbrt, Format::Mitsuba, Format::Gltf] {
+    for format in [Format::Pbrt, Format::Mitsuba, Format::Gltf, Format::Obj, Format::Mtl] {
         let (start, mut cases) = (Instant::now(), 0);
         while start.elapsed() < Duration::from_secs(seconds) {
             cases += fuzz(format, 200);
