@@ -21,7 +21,7 @@ fn swallow(format: Format, bytes: &[u8]) {
         let read = match format {
             Format::Mitsuba => read_mitsuba(&String::from_utf8_lossy(bytes), "a.xml", &data(), options),
             Format::Pbrt => read_pbrt(&String::from_utf8_lossy(bytes), "a.pbrt", &data().join("parts"), options),
-            Format::Gltf => read_gltf(bytes, "a.gltf", &data(), options),
+            Format::Gltf => read_gltf(bytes, "a.gltf", &data().join("../gltf"), options),
             Format::Obj => read_obj_scene(bytes, "a.obj", &data().join("../obj"), options),
             Format::Mtl => {
                 let folder = tempfile::tempdir().expect("a folder");
@@ -50,17 +50,21 @@ enum Format {
     Mtl,
 }
 
+/// The files of a folder that end so.
+fn files(folder: &str, extensions: &[&str]) -> Vec<Vec<u8>> {
+    let entries = std::fs::read_dir(data().join(folder)).expect("a folder").map(|e| e.expect("an entry").path());
+    let mut files: Vec<PathBuf> =
+        entries.filter(|p| p.extension().is_some_and(|e| extensions.iter().any(|known| e == *known))).collect();
+    files.sort();
+    files.iter().map(|p| std::fs::read(p).expect("a file")).collect()
+}
+
 /// Good files to begin with.
 fn seeds(format: Format) -> Vec<Vec<u8>> {
     match format {
         Format::Obj => vec![std::fs::read(data().join("../obj/room.obj")).expect("a scene")],
         Format::Mtl => vec![std::fs::read(data().join("../obj/room.mtl")).expect("a library")],
-        Format::Mitsuba => {
-            let entries = std::fs::read_dir(data()).expect("a folder").map(|e| e.expect("an entry").path());
-            let mut files: Vec<PathBuf> = entries.filter(|p| p.extension().is_some_and(|e| e == "xml")).collect();
-            files.sort();
-            files.iter().map(|p| std::fs::read(p).expect("a file")).collect()
-        }
+        Format::Mitsuba => files("", &["xml"]),
         Format::Pbrt => {
             let text = r#"LookAt 3 4 1.5 .5 .5 0 0 0 1 Camera "perspective" "float fov" 45 "float lensradius" 0.1
 Film "rgb" "integer xresolution" 8 "integer yresolution" 6 Sampler "halton" "integer pixelsamples" 4 Integrator "bdpt" "integer maxdepth" 3
@@ -83,7 +87,7 @@ Shape "bilinearmesh" "point3 P" [0 0 0 1 0 0 0 1 0 1 1 1] "texture alpha" "h" Sh
 "nodes":[{"mesh":0,"children":[3]},{"camera":0,"translation":[0,0,5],"rotation":[0,0,0,1]},{"extensions":{"KHR_lights_punctual":{"light":0}}},
 {"mesh":0,"matrix":[1,0,0,0,0,1,0,0,0,0,1,0,1,2,3,1]}],
 "cameras":[{"type":"perspective","perspective":{"yfov":0.3,"znear":0.1,"aspectRatio":1.5}}],
-"images":[{"uri":"parts/quarters.png"}],"samplers":[{"magFilter":9728,"wrapS":33648,"wrapT":33648}],"textures":[{"source":0,"sampler":0}],
+"images":[{"uri":"quarters.png"}],"samplers":[{"magFilter":9728,"wrapS":33648,"wrapT":33648}],"textures":[{"source":0,"sampler":0}],
 "materials":[{"doubleSided":true,"alphaMode":"MASK","emissiveFactor":[0,0,0],"normalTexture":{"index":0,"scale":0.5},
 "pbrMetallicRoughness":{"baseColorTexture":{"index":0,"extensions":{"KHR_texture_transform":{"rotation":0.3}}},"baseColorFactor":[1,0.5,1,1],"roughnessFactor":0.4}}],
 "meshes":[{"primitives":[{"attributes":{"POSITION":0,"TEXCOORD_0":2},"indices":1,"mode":5,"material":0}]}],
@@ -98,7 +102,9 @@ Shape "bilinearmesh" "point3 P" [0 0 0 1 0 0 0 1 0 1 1 1] "texture alpha" "h" Sh
             glb.extend((json.len() as u32).to_le_bytes());
             glb.extend(b"JSON");
             glb.extend(&json);
-            vec![text.as_bytes().to_vec(), glb]
+            let mut seeds = vec![text.as_bytes().to_vec(), glb];
+            seeds.extend(files("../gltf", &["gltf", "glb"]));
+            seeds
         }
     }
 }

@@ -81,3 +81,17 @@ fn scenes_are_the_pictures_that_toml_says() {
     }
     assert!(odd.is_empty(), "{}", odd.join("\n"));
 }
+
+#[test]
+fn a_converted_scene_is_the_same_picture() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (name, theirs, _) in scenes() {
+        let mut source = open(&theirs);
+        (source.description.film.width, source.description.film.height) = (24, 16);
+        let out = folder.path().join(format!("{name}.toml"));
+        rebond_io::convert(&source, &out).unwrap_or_else(|e| panic!("{}", e.snippet()));
+        let [a, b] = [&source, &open(&out)].map(|s| picture(s, 1, 4));
+        assert!(a.rgb("").is_some_and(|p| p.iter().flatten().any(|x| *x > 0.0)), "{name} is black");
+        assert_eq!(a, b, "{name}");
+    }
+}
