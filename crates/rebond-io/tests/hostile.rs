@@ -5,7 +5,7 @@
 
 use proptest::prelude::*;
 use proptest::test_runner::{Config, TestRunner};
-use rebond_io::{ImportOptions, Imported, SceneSource, read_gltf, read_mitsuba, read_obj_scene, read_pbrt};
+use rebond_io::{ImportOptions, SceneSource, read_gltf, read_mitsuba, read_obj_scene, read_pbrt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -16,7 +16,8 @@ fn data() -> PathBuf {
 const LENIENT: ImportOptions = ImportOptions { lenient: true, allow_outside: false };
 
 /// Reads and, if it is a scene that is not too large, builds it.
-fn swallow(format: Format, bytes: &[u8]) {
+/// The files of a library of materials are in `folder`.
+fn swallow(format: Format, bytes: &[u8], folder: &Path) {
     for options in [ImportOptions::default(), LENIENT] {
         let read = match format {
             Format::Mitsuba => read_mitsuba(&String::from_utf8_lossy(bytes), "a.xml", &data(), options),
@@ -24,14 +25,9 @@ fn swallow(format: Format, bytes: &[u8]) {
             Format::Gltf => read_gltf(bytes, "a.gltf", &data().join("../gltf"), options),
             Format::Obj => read_obj_scene(bytes, "a.obj", &data().join("../obj"), options),
             Format::Mtl => {
-                let folder = tempfile::tempdir().expect("a folder");
-                std::fs::write(folder.path().join("room.mtl"), bytes).expect("a file");
-                let image = std::fs::read(data().join("../obj/quarters.png")).expect("an image");
-                std::fs::write(folder.path().join("quarters.png"), image).expect("a file");
+                std::fs::write(folder.join("room.mtl"), bytes).expect("a file");
                 let room = std::fs::read(data().join("../obj/room.obj")).expect("a scene");
-                let read = read_obj_scene(&room, "a.obj", folder.path(), options);
-                // While its images are there.
-                read.map(|scene| drop(SceneSource::imported(scene, "a").build())).map(|()| Imported::default())
+                read_obj_scene(&room, "a.obj", folder, options)
             }
         };
         match read {
@@ -208,11 +204,15 @@ const LONGEST: Duration = Duration::from_secs(20);
 fn fuzz(format: Format, cases: u32) -> u32 {
     let seeds = seeds(format);
     let config = Config { cases, failure_persistence: None, ..Config::default() };
+    let folder = tempfile::tempdir().expect("a folder");
+    for image in ["quarters.png", "holes.png"] {
+        std::fs::copy(data().join("../obj").join(image), folder.path().join(image)).expect("an image");
+    }
     let strategy = (0..seeds.len(), proptest::collection::vec(change(), 1..6));
     let outcome = TestRunner::new(config).run(&strategy, |(seed, changes)| {
         let bytes = changed(&seeds[seed], &changes);
         let start = Instant::now();
-        swallow(format, &bytes);
+        swallow(format, &bytes, folder.path());
         prop_assert!(start.elapsed() < LONGEST, "{:?}", start.elapsed());
         Ok(())
     });

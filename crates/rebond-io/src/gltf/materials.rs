@@ -13,6 +13,17 @@ use rebond::texture::{Encoding, SAME_UV, TextureFilter, UvMap, Wrap};
 /// Roughness below which a pane of glass is taken for smooth.
 const SMOOTH: f32 = 0.05;
 
+/// How what wears a material shines.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Shine {
+    /// It does not.
+    Not,
+    /// With one radiance.
+    Evenly(Color),
+    /// The material says it: in the colours of an image.
+    Itself,
+}
+
 /// A reference to a texture: where it stands in the file, and what it says.
 struct TextureAt {
     pointer: String,
@@ -20,15 +31,15 @@ struct TextureAt {
 }
 
 impl Importer<'_> {
-    /// The name of a material, and what it emits; the default one if there is no number.
-    pub fn material(&mut self, number: Option<usize>) -> Result<(String, Option<Color>)> {
+    /// The name of a material, and how it shines; the default one if there is no number.
+    pub fn material(&mut self, number: Option<usize>) -> Result<(String, Shine)> {
         // No list is that long.
         let key = number.unwrap_or(usize::MAX);
         if let Some(known) = self.materials.get(&key) {
             return Ok(known.clone());
         }
         let (description, emission, name) = match number {
-            None => (principled(), None, "default".to_string()),
+            None => (principled(), Shine::Not, "default".to_string()),
             Some(n) => self.describe(n).map_err(|e| self.within(&format!("materials[{n}]"), e))?,
         };
         let name = unused_name(&name, |n| self.scene.materials.contains_key(n));
@@ -41,7 +52,7 @@ impl Importer<'_> {
         Ok((name, emission))
     }
 
-    fn describe(&mut self, number: usize) -> Result<(MaterialDescription, Option<Color>, String)> {
+    fn describe(&mut self, number: usize) -> Result<(MaterialDescription, Shine, String)> {
         let path = format!("materials[{number}]");
         let Some(material) = self.root.materials.get(number).cloned() else {
             return Err(self.error(&path, "there is no such material"));
@@ -117,19 +128,13 @@ impl Importer<'_> {
                 ior,
             }
         };
-        let mut emission = self.emission(number, &path)?;
+        let (mut emission, mut image) = self.emission(number)?;
         if self.at(&extension("unlit")).is_some() {
-            if base_texture.is_some() {
-                self.unsupported(&path, "an unlit image: its mean shines")?;
-            }
-            let shown = match &base_texture {
-                Some(t) => self.mean(t, false)?,
-                None => [1.0; 3],
-            };
             self.warn(&path, "it is to be unlit: a lamp stands for it, which lights its neighbours");
             description = MaterialDescription::Diffuse { reflectance: Texture::grey(0.0) };
-            emission = Some(Color([r * shown[0], g * shown[1], b * shown[2]]));
+            (emission, image) = (Color([r, g, b]), base_texture.as_ref().map(|t| self.raw_texture(t)).transpose()?);
         }
+        let shines = emission.0 != [0.0; 3];
         if let Some(t) = self.texture_at(&format!("{own}/normalTexture")) {
             let scale = self.number(&format!("{own}/normalTexture/scale")).unwrap_or(1.0);
             let normal_map = ImageTexture { encoding: Encoding::Linear, ..self.raw_texture(&t)? };
@@ -137,7 +142,7 @@ impl Importer<'_> {
         }
         if material.double_sided && transmission == 0.0 {
             description = MaterialDescription::TwoSided { front: inline(description), back: None };
-            if emission.is_some() {
+            if shines {
                 self.warn(&path, "it shines to the side of its normals only");
             }
         }
@@ -145,28 +150,31 @@ impl Importer<'_> {
             self.opacity(&material.alpha_mode, material.alpha_cutoff.map_or(0.5, |c| c.0), a, &base_texture)?;
         if let Some(opacity) = opacity {
             description = MaterialDescription::Mask { opacity, material: inline(description) };
-            if emission.is_some() {
+            if shines {
                 self.unsupported(&path, "light from a surface with holes")?;
-                emission = None;
             }
+            return Ok((description, Shine::Not, name));
         }
-        Ok((description, emission, name))
+        let shine = match image {
+            _ if !shines => Shine::Not,
+            None => Shine::Evenly(emission),
+            Some(radiance) => {
+                description = MaterialDescription::Glow { radiance, scale: emission, material: inline(description) };
+                Shine::Itself
+            }
+        };
+        Ok((description, shine, name))
     }
 
-    fn emission(&mut self, number: usize, path: &str) -> Result<Option<Color>> {
+    /// What it emits, and the image that this multiplies.
+    fn emission(&mut self, number: usize) -> Result<(Color, Option<ImageTexture>)> {
         let own = format!("/materials/{number}");
         let factor = self.numbers::<3>(&format!("{own}/emissiveFactor")).unwrap_or([0.0; 3]);
         let pointer = format!("{own}/extensions/KHR_materials_emissive_strength/emissiveStrength");
         let strength = self.number(&pointer).unwrap_or(1.0);
-        let mut color = factor.map(|c| c * strength);
-        if let Some(t) = self.texture_at(&format!("{own}/emissiveTexture"))
-            && color != [0.0; 3]
-        {
-            self.unsupported(path, "an image that shines: its mean does")?;
-            let mean = self.mean(&t, false)?;
-            color = std::array::from_fn(|c| color[c] * mean[c]);
-        }
-        Ok((color != [0.0; 3]).then_some(Color(color)))
+        let image = self.texture_at(&format!("{own}/emissiveTexture")).filter(|_| factor != [0.0; 3]);
+        let image = image.map(|t| self.raw_texture(&t)).transpose()?;
+        Ok((Color(factor.map(|c| c * strength)), image))
     }
 
     /// How opaque a material is; `None` if it is everywhere.

@@ -16,6 +16,7 @@ mod accessor;
 mod materials;
 
 use self::accessor::Numbers;
+use self::materials::Shine;
 use crate::error::Error;
 use crate::import::{Assets, ImportOptions, Imported, Places, Report, bounds, camera_before, free_name, steps};
 use ::gltf::json::{
@@ -94,6 +95,7 @@ pub fn read_gltf(bytes: &[u8], file: &str, folder: &Path, options: ImportOptions
         numbers: 0,
         bytes: bin.map_or(0, |b| b.len() as u64),
         clips: None,
+        shines: false,
         bounds: [DVec3::INFINITY, DVec3::NEG_INFINITY],
     };
     importer.scene()?;
@@ -180,8 +182,8 @@ struct Importer<'a> {
     meshes: BTreeMap<usize, Vec<Primitive>>,
     /// Meshes by what they are made of.
     shared: BTreeMap<Made, (String, [DVec3; 2])>,
-    /// Names of materials, and what they emit.
-    materials: BTreeMap<usize, (String, Option<Color>)>,
+    /// Names of materials, and how they shine.
+    materials: BTreeMap<usize, (String, Shine)>,
     images: BTreeMap<(usize, bool), rebond::film::Image>,
     /// How many nodes have a mesh.
     uses: BTreeMap<usize, usize>,
@@ -192,6 +194,8 @@ struct Importer<'a> {
     numbers: u64,
     bytes: u64,
     clips: Option<Clips>,
+    /// Some surface does.
+    shines: bool,
     bounds: [DVec3; 2],
 }
 
@@ -293,8 +297,7 @@ impl Importer<'_> {
             Some(clips) => self.check_clips(&clips),
             None => self.default_camera(),
         }
-        let shines = |s: &ShapeDescription| matches!(s, ShapeDescription::Ply(m) if m.emission.is_some());
-        if self.scene.emitters.is_empty() && !self.scene.shapes.iter().any(shines) {
+        if self.scene.emitters.is_empty() && !self.shines {
             self.warn("", "the file has no light: an even sky of radiance 1 lights it");
             self.scene.emitters.push(EmitterDescription::Constant { radiance: Color([1.0; 3]) });
         }
@@ -364,10 +367,12 @@ impl Importer<'_> {
                 self.bounds = [self.bounds[0].min(corner), self.bounds[1].max(corner)];
             }
         }
-        let mut shapes = Vec::new();
+        let (mut shapes, mut shines) = (Vec::new(), false);
         for (i, p) in primitives.into_iter().enumerate() {
             let of = format!("meshes[{number}].primitives[{i}]");
-            let (material, emission) = self.material(p.material).map_err(|e| self.within(&of, e))?;
+            let (material, shine) = self.material(p.material).map_err(|e| self.within(&of, e))?;
+            shines |= shine != Shine::Not;
+            let emission = if let Shine::Evenly(color) = shine { Some(color) } else { None };
             shapes.push(MeshFile {
                 file: p.file,
                 face_normals: false,
@@ -379,7 +384,8 @@ impl Importer<'_> {
             });
         }
         // Several of a kind are stored once; only the world's shapes may shine.
-        let several = self.uses.get(&number).is_some_and(|n| *n > 1) && shapes.iter().all(|s| s.emission.is_none());
+        let several = !shines && self.uses.get(&number).is_some_and(|n| *n > 1);
+        self.shines |= shines;
         let of = format!("{}, {}", self.named(node), self.named(&format!("meshes[{number}]")));
         if several && !shapes.is_empty() {
             let name = format!("mesh {number}");

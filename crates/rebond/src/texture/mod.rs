@@ -82,6 +82,12 @@ impl Textures {
         number
     }
 
+    /// Width and height of a texture.
+    pub fn size(&self, texture: u32) -> [u32; 2] {
+        let Record([_, width, height, _]) = self.table[(texture * RECORDS) as usize];
+        [width, height].map(f32::to_bits)
+    }
+
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.table.is_empty()

@@ -423,6 +423,17 @@ f = File()
 f.node(mesh=f.mesh(f.primitive(WEDGE)))
 f.write("plain.gltf")
 
+# ---- glow: a lamp in the colours of an image, which several primitives' worth of plain lamps can stand for ----
+f, round_ = balls()
+image = f.add("images", {"uri": data(png(QUARTERS, 2), "image/png")})
+texture = f.add("textures", {"source": image, "sampler": f.add("samplers", {"magFilter": NEAREST})})
+lamp = f.material((0, 0, 0), emissiveFactor=[1, 0.5, 1], emissiveTexture={"index": texture}, extensions={"KHR_materials_emissive_strength": {"emissiveStrength": 6}})
+f.node(mesh=f.mesh(round_(f.material((0.7, 0.7, 0.7)))))
+f.node(mesh=f.mesh(f.primitive(**FLOOR, material=f.material((0.6, 0.6, 0.6)))))
+f.node(mesh=f.mesh(f.primitive(**square(), material=lamp)), rotation=turn([1, 0, 0], 60), translation=[-0.5, 2.2, 1.5], scale=[1.5, 1, 1])
+f.camera([0, 0.5, 8])
+f.write("glow.gltf")
+
 # ---- ../obj: what its OBJ file names, and the same times Kd and the opacity ----
 OBJ = HERE.parent / "obj"
 HOLES = [255, 0, 90, 255, 30, 200, 255, 0, 140]
