@@ -2,6 +2,7 @@
 # make lint     formatting and clippy
 # make miri     the kernels' unit tests under Miri, which a nightly toolchain must have
 # make doc      the library's documentation, in target/doc
+# make book     the lecture as a book, by mdBook, in docs/book-html
 # make bench    how to measure
 # make scenes   remakes the data of the built-in scenes
 
@@ -17,7 +18,7 @@ else
 PORTABLE = generic
 endif
 
-.PHONY: test tools layers test-rust test-portable test-pages miri doc lint bench scenes
+.PHONY: test tools layers test-rust test-portable test-pages miri doc book lint bench scenes
 .NOTPARALLEL:
 
 test: layers test-rust test-portable test-pages doc
@@ -52,6 +53,13 @@ miri: tools
 
 doc: tools
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --workspace --lib --no-deps
+
+# The chapters are what `rebond lecture` says: QUALITY=quick is a matter of minutes, full of an hour.
+QUALITY ?= full
+book: tools
+	@command -v mdbook >/dev/null || { echo "make: mdBook is missing: cargo install mdbook" >&2; exit 1; }
+	$(CARGO) run --release -p rebond-cli -- lecture --quality $(QUALITY) --book docs/book -o $(CARGO_TARGET_DIR)/lecture
+	mdbook build docs
 
 lint: tools
 	$(CARGO) fmt --all --check

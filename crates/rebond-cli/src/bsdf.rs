@@ -34,7 +34,7 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
     let outputs = a.output.as_deref().map(outputs).transpose()?.unwrap_or_default();
     let report = material.check(&Effort { seed: a.seed, ..Effort::default() });
     for (path, plot) in &outputs {
-        write_text(path, &lobe_plot::svg(&material, &a.material, *plot))?;
+        write_text(path, &lobe_plot::svg(&material, &a.material, *plot, lobe_plot::ENGLISH))?;
     }
     if a.json {
         let names: Vec<String> = outputs.iter().map(|(path, _)| path.display().to_string()).collect();

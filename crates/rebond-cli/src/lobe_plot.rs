@@ -20,18 +20,50 @@ const LIGHTS: [(f64, &str); 4] = [(0.0, "#0072b2"), (30.0, "#009e73"), (60.0, "#
 const WIDTH: f64 = 880.0;
 const POLAR_RADIUS: f64 = 270.0;
 const DISK_RADIUS: f64 = 95.0;
-/// How many powers of ten the colours span.
+/// How many powers of ten the colours span, as the words say.
 const DECADES: f64 = 4.0;
 
+/// The words of the drawings.
+#[derive(Clone, Copy)]
+pub struct Words {
+    radius: &'static str,
+    largest: &'static str,
+    no_lobe: &'static str,
+    light_from: &'static str,
+    above: &'static str,
+    below: &'static str,
+    hemispheres: &'static str,
+}
+
+pub const ENGLISH: Words = Words {
+    radius: "radius √(f / largest f)",
+    largest: "largest f",
+    no_lobe: "no lobe",
+    light_from: "light from",
+    above: "above",
+    below: "below",
+    hemispheres: "f towards each direction, seen from above; ring: the light; colours over four powers of ten",
+};
+
+pub const FRENCH: Words = Words {
+    radius: "rayon √(f / f max)",
+    largest: "f max",
+    no_lobe: "aucun lobe",
+    light_from: "lumière de",
+    above: "dessus",
+    below: "dessous",
+    hemispheres: "f vers chaque direction, vu d'en haut ; anneau : la lumière ; couleurs sur quatre puissances de dix",
+};
+
 /// The drawing of a material.
-pub fn svg(material: &Material, title: &str, plot: Plot) -> String {
+pub fn svg(material: &Material, title: &str, plot: Plot, words: Words) -> String {
     let mut body = String::new();
     let mut y = 44.0;
     if plot != Plot::Hemisphere {
-        y = polar(&mut body, material, y);
+        y = polar(&mut body, material, y, words);
     }
     if plot != Plot::Polar {
-        y = hemispheres(&mut body, material, y);
+        y = hemispheres(&mut body, material, y, words);
     }
     let title = title.replace('&', "&amp;").replace('<', "&lt;");
     format!(
@@ -60,7 +92,7 @@ fn curve(material: &Material, theta: f64, below: bool) -> Vec<(f64, f64)> {
 }
 
 /// Curves of √f around the point of incidence, each over its own largest value; returns where it ends.
-fn polar(out: &mut String, material: &Material, top: f64) -> f64 {
+fn polar(out: &mut String, material: &Material, top: f64, words: Words) -> f64 {
     let below = material.transmits();
     let (cx, cy) = (POLAR_RADIUS + 60.0, top + POLAR_RADIUS + 20.0);
     let bottom = if below { cy + POLAR_RADIUS } else { cy };
@@ -90,14 +122,16 @@ fn polar(out: &mut String, material: &Material, top: f64) -> f64 {
     let (left, right) = (cx - POLAR_RADIUS - 20.0, cx + POLAR_RADIUS + 20.0);
     let _ = writeln!(out, "<line x1=\"{left}\" y1=\"{cy}\" x2=\"{right}\" y2=\"{cy}\" stroke=\"#333\"/>");
     let legend = cx + POLAR_RADIUS + 40.0;
-    let _ = writeln!(out, "<text x=\"{legend}\" y=\"{:.0}\">radius √(f / largest f)</text>", top + 20.0);
+    let _ = writeln!(out, "<text x=\"{legend}\" y=\"{:.0}\">{}</text>", top + 20.0, words.radius);
     for (i, (theta, color)) in LIGHTS.into_iter().enumerate() {
         let points = curve(material, theta, below);
         let largest = points.iter().fold(0.0, |m: f64, (_, f)| m.max(*f));
         let y = top + 48.0 + 22.0 * i as f64;
-        let words = if largest > 0.0 { format!("largest f {}", rounded(largest)) } else { "no lobe".into() };
+        let of_lobe =
+            if largest > 0.0 { format!("{} {}", words.largest, rounded(largest)) } else { words.no_lobe.into() };
         let _ = writeln!(out, "<rect x=\"{legend}\" y=\"{:.0}\" width=\"14\" height=\"4\" fill=\"{color}\"/>", y - 7.0);
-        let _ = writeln!(out, "<text x=\"{:.0}\" y=\"{y:.0}\">light from {theta:.0}°: {words}</text>", legend + 22.0);
+        let (x, from) = (legend + 22.0, words.light_from);
+        let _ = writeln!(out, "<text x=\"{x:.0}\" y=\"{y:.0}\">{from} {theta:.0}°, {of_lobe}</text>");
         // Where the light comes from.
         let ((x0, y0), (x1, y1)) = (place(-theta, 1.02), place(-theta, 0.92));
         let _ = writeln!(
@@ -125,14 +159,11 @@ fn rounded(x: f64) -> String {
 }
 
 /// Disks in orthographic projection, in colours of log f; returns where they end.
-fn hemispheres(out: &mut String, material: &Material, top: f64) -> f64 {
+fn hemispheres(out: &mut String, material: &Material, top: f64, words: Words) -> f64 {
     let sides: &[(bool, &str)] =
-        if material.transmits() { &[(false, "above"), (true, "below")] } else { &[(false, "above")] };
+        if material.transmits() { &[(false, words.above), (true, words.below)] } else { &[(false, words.above)] };
     let mut y = top + 20.0;
-    let _ = writeln!(
-        out,
-        "<text x=\"20\" y=\"{y:.0}\">f towards each direction, seen from above; ring: the light; colours over {DECADES} powers of ten</text>"
-    );
+    let _ = writeln!(out, "<text x=\"20\" y=\"{y:.0}\">{}</text>", words.hemispheres);
     for (below, name) in sides {
         let cy = y + DISK_RADIUS + 34.0;
         for (i, (theta, _)) in LIGHTS.into_iter().enumerate() {
@@ -140,8 +171,9 @@ fn hemispheres(out: &mut String, material: &Material, top: f64) -> f64 {
             disk(out, material, theta, *below, [cx, cy]);
             let _ = writeln!(
                 out,
-                "<text x=\"{cx}\" y=\"{:.0}\" text-anchor=\"middle\">{name}, light from {theta:.0}°</text>",
-                cy - DISK_RADIUS - 10.0
+                "<text x=\"{cx}\" y=\"{:.0}\" text-anchor=\"middle\">{name}, {} {theta:.0}°</text>",
+                cy - DISK_RADIUS - 10.0,
+                words.light_from
             );
         }
         y = cy + DISK_RADIUS + 10.0;
@@ -164,6 +196,8 @@ fn disk(out: &mut String, material: &Material, theta: f64, below: bool, [cx, cy]
     let values: Vec<f64> = (0..RINGS * SECTORS).map(|i| at(i / SECTORS, i % SECTORS)).collect();
     let largest = values.iter().copied().filter(|f| f.is_finite()).fold(0.0, f64::max);
     let _ = writeln!(out, "<circle cx=\"{cx}\" cy=\"{cy}\" r=\"{DISK_RADIUS}\" fill=\"{}\"/>", colour(0.0));
+    // Smoothed edges of neighbours would let what is below shine through.
+    out.push_str("<g shape-rendering=\"crispEdges\">\n");
     for (i, f) in values.iter().enumerate() {
         let shade = if *f > 0.0 && largest > 0.0 { 1.0 + (f / largest).log10() / DECADES } else { 0.0 };
         if shade <= 0.0 {
@@ -186,6 +220,7 @@ fn disk(out: &mut String, material: &Material, theta: f64, below: bool, [cx, cy]
             colour(shade)
         );
     }
+    out.push_str("</g>\n");
     let x = cx - DISK_RADIUS * theta.to_radians().sin();
     let _ =
         writeln!(out, "<circle cx=\"{x:.1}\" cy=\"{cy}\" r=\"4\" fill=\"none\" stroke=\"white\" stroke-width=\"2\"/>");

@@ -3,8 +3,8 @@
 
 use crate::Failure;
 use crate::lecture::png;
-use base64::Engine;
-use maud::{DOCTYPE, Markup, PreEscaped, html};
+use crate::page::{base64, document};
+use maud::{Markup, html};
 use rebond::film::Image;
 use rebond::math::luminance;
 
@@ -77,49 +77,38 @@ pub fn page(image: &Image, scene: &str, made: &str) -> Result<String, Failure> {
     }
     let whole = image.rgb("").map(|p| Image::from_rgb(image.width, image.height, &p)).unwrap_or_default();
     let most = rows.last().map_or(2, |r| r.stones.len());
-    let page = html! {
-        (DOCTYPE)
-        html lang="en" {
-            head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width, initial-scale=1";
-                title { (scene) ": the strategies of bidirectional path tracing" }
-                link rel="icon" href="data:,";
-                style { (PreEscaped(STYLE)) }
+    let title = format!("{scene}: the strategies of bidirectional path tracing");
+    let body = html! {
+        input type="radio" name="which" id="weighted" checked;
+        input type="radio" name="which" id="unweighted";
+        header {
+            h1 { (scene) ", way by way" }
+            p {
+                "A path of s + t vertices, s of them found from a light and t from the eye, can be found in s + t + 1 ways. Each \
+                 row has the paths of one number of vertices; weighted, all pictures of the page add up to the whole. \
+                 Unweighted, every picture of a row would be the same, but for noise and for what its way cannot find."
             }
-            body style={ "--most:" (most) } {
-                input type="radio" name="which" id="weighted" checked;
-                input type="radio" name="which" id="unweighted";
-                header {
-                    h1 { (scene) ", way by way" }
-                    p {
-                        "A path of s + t vertices, s of them found from a light and t from the eye, can be found in s + t + 1 ways. Each \
-                         row has the paths of one number of vertices; weighted, all pictures of the page add up to the whole. \
-                         Unweighted, every picture of a row would be the same, but for noise and for what its way cannot find."
-                    }
-                    p class="choice" {
-                        label for="weighted" { "weighted" } label for="unweighted" { "unweighted" }
-                    }
-                }
-                main {
-                    figure class="whole" { (picture(&whole, 0.0, &format!("{scene}, all paths"), "")?) figcaption { "the whole" } }
-                    @for (row, stones) in &drawn {
-                        section {
-                            h2 {
-                                (row.vertices) " vertices" small {
-                                    (format!("{:.2} % of all light", 100.0 * row.share))
-                                    @if row.stops != 0.0 { (format!(", {:+.0} stops", row.stops)) }
-                                }
-                            }
-                            div class="row" { @for stone in stones { (stone) } }
-                        }
-                    }
-                }
-                footer { p { (made) } }
+            p class="choice" {
+                label for="weighted" { "weighted" } label for="unweighted" { "unweighted" }
             }
         }
+        main style={ "--most:" (most) } {
+            figure class="whole" { (picture(&whole, 0.0, &format!("{scene}, all paths"), "")?) figcaption { "the whole" } }
+            @for (row, stones) in &drawn {
+                section {
+                    h2 {
+                        (row.vertices) " vertices" small {
+                            (format!("{:.2} % of all light", 100.0 * row.share))
+                            @if row.stops != 0.0 { (format!(", {:+.0} stops", row.stops)) }
+                        }
+                    }
+                    div class="ways" { @for stone in stones { (stone) } }
+                }
+            }
+        }
+        footer { p { (made) } }
     };
-    Ok(page.into_string())
+    Ok(document("en", &title, STYLE, &body))
 }
 
 fn figure(image: &Image, row: &Row, stone: &Stone) -> Result<Markup, Failure> {
@@ -141,7 +130,7 @@ fn figure(image: &Image, row: &Row, stone: &Stone) -> Result<Markup, Failure> {
 }
 
 fn picture(image: &Image, stops: f32, alt: &str, class: &str) -> Result<Markup, Failure> {
-    let data = base64::engine::general_purpose::STANDARD.encode(png(image, stops)?);
+    let data = base64(&png(image, stops)?);
     let (width, height) = (image.width, image.height);
     Ok(html! { img class=(class) src={ "data:image/png;base64," (data) } alt=(alt) width=(width) height=(height); })
 }

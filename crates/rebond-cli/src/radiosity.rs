@@ -49,7 +49,7 @@ pub struct Arguments {
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
     /// Begin with this solution of the scene, in place of solving.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["patches", "solver", "rays", "error", "adaptive", "diffuse_only", "memory", "seed"])]
     load: Option<PathBuf>,
     /// Let a shape emit another radiance, such as 0=18,14,7 or shapes[3]=5; may be given several times.
     #[arg(long, value_name = "SHAPE=RADIANCE")]

@@ -564,6 +564,39 @@ fn what_has_no_table_is_not_captured() {
     assert!(names_in(folder.path()).is_empty());
 }
 
+/// What shows each of the lecture's algorithms, in its order.
+const ROWS: &[(&str, &[&str])] = &[
+    ("point lights, shadows off and on", &["direct-no-shadows.png", "direct-shadows.png"]),
+    ("linearity", &["direct-light-0.png", "direct-light-1.png", "direct-light-2.png", "direct-all-lights.png"]),
+    ("area lights, many lights", &["direct-veach-mis.png", "direct-many-lights.png"]),
+    ("Phong of 60 and 300", &["direct-phong.png", "materials-phong-60.png", "materials-phong-300.png"]),
+    ("mirrors of blurred lights", &["materials-phong-60-blurred-light.png", "materials-phong-300-blurred-light.png"]),
+    ("anisotropic and tabulated", &["materials-anisotropic.svg", "materials-table-lobe.svg", "materials-gallery.png"]),
+    ("factors of the integrand", &["direct-factor-le.png", "direct-factor-v.png", "direct-factor-bsdf.png"]),
+    ("radiosity", &["radiosity-flat.png", "radiosity-smooth.png"]),
+    ("one dimension, strata, importance", &["monte-carlo-error.svg", "monte-carlo-convergence.svg"]),
+    ("ambient occlusion, whole sphere", &["ao-sphere-10.png", "ao-sphere-100.png", "ao-sphere-1000.png"]),
+    ("hemisphere", &["ao-hemisphere-10.png", "ao-hemisphere-100.png", "ao-hemisphere-1000.png"]),
+    ("cosine", &["ao-cosine-10.png", "ao-cosine-100.png", "ao-cosine-1000.png"]),
+    ("two experiments", &["ao-experiment-occluded.svg", "ao-experiment-open.svg", "ao-spheres.svg"]),
+    (
+        "direct by area, solid angle, product",
+        &["direct-veach-mis-area.png", "direct-veach-mis-solid-angle.png", "direct-sky-product.png"],
+    ),
+    ("recursive", &["path-four.png", "path-rays-by-depth.svg"]),
+    ("implicit, explicit", &["path-implicit.png", "path-explicit.png"]),
+    ("clamped", &["path-depth-1.png", "path-depth-2.png", "path-depth-3.png", "path-depth-4.png"]),
+    ("Russian roulette", &["path-roulette.csv"]),
+    ("emission and direct", &["path-emission.png", "path-direct-diffuse.png", "path-direct-specular.png"]),
+    ("one bounce", &["path-indirect-diffuse.png", "path-indirect-specular.png"]),
+    ("antialiasing, motion blur, depth of field", &["camera-1-spp.png", "camera-8-spp.png"]),
+    ("caustics by light tracing", &["ends-caustic-path.png", "ends-caustic-light.png"]),
+    ("56 and 25", &["ends-veach-bidir-path.png", "ends-veach-bidir-bidirectional.png"]),
+    ("indirect room", &["ends-indirect-room-path.png", "ends-indirect-room-bidirectional.png"]),
+    ("photon map, final gathering", &["photons-map.png", "photons-gather.png", "photons-stored.png"]),
+    ("vertex connection and merging", &["photons-mirror-vcm.png"]),
+];
+
 /// The lecture's page: every file it names, pictures that commands make again, and numbers as theory has them.
 #[test]
 fn the_lecture_is_a_page_that_needs_nothing_else() {
@@ -574,6 +607,10 @@ fn the_lecture_is_a_page_that_needs_nothing_else() {
     let mut written: Vec<&str> = written.map(|n| n.as_str().expect("a name").trim_start_matches("page/")).collect();
     written.sort_unstable();
     assert_eq!(names, written);
+    for (row, files) in ROWS {
+        let missing: Vec<&&str> = files.iter().filter(|file| !written.contains(file)).collect();
+        assert!(missing.is_empty(), "{row}: {missing:?}");
+    }
 
     let page = text(&bytes(&folder, "page/index.html"));
     for section in [
@@ -586,6 +623,7 @@ fn the_lecture_is_a_page_that_needs_nothing_else() {
         "path-tracing",
         "camera",
         "both-ends",
+        "photons",
     ] {
         assert!(page.contains(&format!("<section id=\"{section}\"")), "{section}");
         assert!(object["sections"][section]["seconds"].as_f64() > Some(0.0), "{section}");
@@ -597,6 +635,8 @@ fn the_lecture_is_a_page_that_needs_nothing_else() {
         }
     }
     assert_eq!(page.replace("http://www.w3.org/", "").matches("://").count(), 0);
+    // No formula was too hard for its typesetter.
+    assert_eq!(page.matches("<div class=\"formula\"><math").count(), page.matches("class=\"formula\"").count());
     let pictures = page.matches("<img ").count();
     assert_eq!(pictures, names.iter().filter(|n| n.ends_with(".png")).count());
     assert_eq!(page.matches(" alt=\"").count(), pictures);
@@ -607,8 +647,9 @@ fn the_lecture_is_a_page_that_needs_nothing_else() {
     );
 
     // Each command makes its picture to the last bit.
-    let commands: Vec<&str> =
-        page.split("<code>rebond render ").skip(1).map(|c| &c[..c.find('<').expect("an end")]).collect();
+    let commands = page.split("<code class=\"command\">").skip(1).map(|c| &c[..c.find("</code>").expect("an end")]);
+    let commands = commands.map(|c| c.replace("<span>", "").replace("</span>", ""));
+    let commands: Vec<String> = commands.filter_map(|c| Some(c.strip_prefix("rebond render ")?.to_owned())).collect();
     assert!(commands.len() > 30);
     for command in commands.iter().step_by(5) {
         let words = command.split(' ').map(|w| w.trim_matches('\''));
@@ -660,6 +701,19 @@ fn the_lecture_is_a_page_that_needs_nothing_else() {
     }
     let ends = &object["sections"]["both-ends"];
     assert_eq!(ends["caustics"]["welch"]["passes"], true, "{ends}");
+    let photons = &object["sections"]["photons"];
+    let number = |of: &Value| of.as_f64().expect("a number");
+    // More photons, less error; the gather hides what is left of it.
+    let errors = |of: &str| -> Vec<[f64; 2]> {
+        serde_json::from_value(photons["errors"][of]["points"].clone()).expect("points")
+    };
+    let (map, gather) = (errors("map"), errors("gather"));
+    assert!(map.windows(2).all(|pair| pair[1][1] < pair[0][1]), "{map:?}");
+    assert!(gather[0][1] < map[0][1], "{map:?} {gather:?}");
+    let merging = &photons["merging"];
+    assert!(number(&merging["rel_mse"]["vcm"]) < 0.2 * number(&merging["rel_mse"]["path"]), "{merging}");
+    let off = (number(&merging["over_path"]) - 1.0).abs();
+    assert!(off < 4.0 * number(&merging["standard_error"]), "{merging}");
     // N rays for each of the segment before, but for those that left or were absorbed.
     let by_depth =
         |n: &str| -> Vec<f64> { serde_json::from_value(paths["recursion"][n]["by_depth"].clone()).expect("numbers") };
@@ -675,11 +729,13 @@ fn sections_of_the_lecture_are_chosen_by_name() {
     let folder = temporary();
     let list = answer(&folder, &["lecture", "--list"]);
     assert!(list.contains("monte-carlo ") && list.contains("direct "), "{list}");
-    let name = answer(&folder, &["lecture", "--quality", "draft", "--only", "monte-carlo", "-o", "a/b"]);
+    let name = answer(&folder, &["lecture", "--quality", "draft", "--only", "monte-carlo", "--quiet", "-o", "a/b"]);
     assert_eq!(name, "a/b/index.html\n");
     assert!(!text(&bytes(&folder, "a/b/index.html")).contains("id=\"direct\""));
-    let again =
-        answer(&folder, &["lecture", "--quality", "draft", "--only", "monte-carlo", "-o", "c", "--threads", "1"]);
+    let again = answer(
+        &folder,
+        &["lecture", "--quality", "draft", "--only", "monte-carlo", "--quiet", "-o", "c", "--threads", "1"],
+    );
     assert_eq!(again, "c/index.html\n");
     assert!(
         bytes(&folder, "a/b/index.html") == bytes(&folder, "c/index.html"),
@@ -696,6 +752,79 @@ fn sections_of_the_lecture_are_chosen_by_name() {
     assert!(words.contains("monte-carlo, ambient-occlusion, direct-errors"), "{words}");
     let output = run(&folder, &["lecture", "--only", "monte-carlo", "-o", "c/index.html"]);
     assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
+}
+
+/// What stands between tags, but for code and formulas.
+fn texts(page: &str) -> Vec<String> {
+    let body = page.split_once("<body").expect("a body").1;
+    let mut all = Vec::new();
+    let mut skipped = None;
+    for piece in body.split('<').skip(1) {
+        let Some((tag, words)) = piece.split_once('>') else { continue };
+        let name = tag.split([' ', '/']).find(|n| !n.is_empty()).unwrap_or_default();
+        match skipped {
+            None if ["code", "math"].contains(&name) => skipped = Some(name),
+            Some(skipping) if tag == format!("/{skipping}") => skipped = None,
+            _ => {}
+        }
+        if skipped.is_none() {
+            all.push(words.to_owned());
+        }
+        // What is said to who does not see.
+        all.extend(["alt=\"", "aria-label=\""].iter().filter_map(|of| {
+            let said = tag.split_once(of)?.1;
+            Some(said.split_once('"')?.0.to_owned())
+        }));
+    }
+    all
+}
+
+/// The same page in French: the same numbers, no sentence of the English one, and commas in numbers.
+#[test]
+fn the_lecture_speaks_french() {
+    let folder = temporary();
+    let make = |language: &str, name: &str| {
+        let arguments = ["lecture", "--quality", "draft", "--only", "monte-carlo,camera", "--quiet", "--json"];
+        json(&answer(
+            &folder,
+            &[&arguments[..], &["--lang", language, "-o", name, "--book", &format!("{name}-book")]].concat(),
+        ))
+    };
+    let (mut english, mut french) = (make("en", "en"), make("fr", "fr"));
+    for object in [&mut english, &mut french] {
+        object["outputs"].take();
+        object["sections"].as_object_mut().expect("sections").values_mut().for_each(|s| {
+            s["seconds"].take();
+        });
+    }
+    assert_eq!(english, french);
+    let [english, french] = ["en", "fr"].map(|name| text(&bytes(&folder, &format!("{name}/index.html"))));
+    assert!(french.contains("<html lang=\"fr\">") && french.contains("0,78540"));
+    let [english, french] = [english, french].map(|page| texts(&page));
+    assert_eq!(english.len(), french.len());
+    let is_sentence = |words: &&String| words.split_whitespace().filter(|word| word.len() > 3).count() > 2;
+    assert!(english.iter().filter(is_sentence).count() > 20);
+    let same: Vec<&String> = french.iter().filter(is_sentence).filter(|words| english.contains(words)).collect();
+    assert!(same.is_empty(), "{same:?}");
+    let points: Vec<&String> = french
+        .iter()
+        .filter(|words| {
+            words.as_bytes().windows(3).any(|w| w[0].is_ascii_digit() && w[1] == b'.' && w[2].is_ascii_digit())
+        })
+        .filter(|words| !words.contains("rebond"))
+        .collect();
+    assert!(points.is_empty(), "{points:?}");
+
+    // The book has a chapter for each, and what it refers to.
+    let summary = text(&bytes(&folder, "fr-book/SUMMARY.md"));
+    assert!(summary.contains("- [Monte-Carlo](monte-carlo.md)\n"), "{summary}");
+    for chapter in ["monte-carlo", "camera"] {
+        let chapter = text(&bytes(&folder, &format!("fr-book/{chapter}.md")));
+        assert!(chapter.contains("<math") && chapter.contains("`crates/rebond/src/"), "{chapter}");
+        let pictures: Vec<&str> =
+            chapter.split("src=\"").skip(1).map(|p| p.split_once('"').expect("an end").0).collect();
+        assert!(pictures.len() > 1 && pictures.iter().all(|p| !bytes(&folder, &format!("fr-book/{p}")).is_empty()));
+    }
 }
 
 const OF_MITSUBA: &str = r#"<scene version="3.0.0">

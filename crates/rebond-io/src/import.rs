@@ -73,6 +73,24 @@ impl Places {
         Self { sources, ..self }
     }
 
+    /// Forgets element i of a list; those after it come one earlier.
+    pub(crate) fn remove(&mut self, list: &str, i: usize) {
+        let moved = |path: String| {
+            let number =
+                path.strip_prefix(list).and_then(|rest| rest.strip_prefix('[')).and_then(|rest| rest.split_once(']'));
+            let Some((number, rest)) = number else { return Some(path) };
+            match number.parse::<usize>() {
+                Ok(n) if n == i => None,
+                Ok(n) if n > i => Some(format!("{list}[{}]{rest}", n - 1)),
+                _ => Some(path),
+            }
+        };
+        let parts = std::mem::take(&mut self.parts);
+        self.parts = parts.into_iter().filter_map(|(path, part)| moved(path).map(|path| (path, part))).collect();
+        let names = std::mem::take(&mut self.names);
+        self.names = names.into_iter().filter_map(|(path, name)| moved(path).map(|path| (path, name))).collect();
+    }
+
     /// An error about the value of that path: at the place of the narrowest part known.
     pub fn error_at(&self, path: &str, message: impl Into<String>) -> Error {
         let ends = path.char_indices().filter(|(_, c)| matches!(c, '.' | '[')).map(|(i, _)| i);
@@ -313,6 +331,13 @@ mod tests {
         places.name("shapes[1]", "the third cube");
         assert_eq!(places.error_at("shapes[1].material", "no").message, "the third cube: no");
         assert_eq!(places.error_at("shapes[2].material", "no").message, "no");
+        places.remove("shapes", 0);
+        assert_eq!(places.error_at("shapes[0].material", "no").message, "the third cube: no");
+        let line = |path: &str| places.error_at(path, "no").line();
+        assert_eq!((line("shapes[0].material"), line("shapes[1]"), line("materials.a b")), (Some(4), None, Some(5)));
+        places.remove("shapes", 0);
+        assert_eq!(places.error_at("shapes[0]", "no").line(), None);
+        assert_eq!(places.error_at("shapes[0]", "no").message, "no");
     }
 
     #[test]

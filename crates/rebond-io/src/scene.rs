@@ -12,7 +12,7 @@ use rebond::bsdf::check::Material;
 use rebond::bsdf::measured::Measured;
 use rebond::film::Image;
 use rebond::integrators::radiosity::Solution;
-use rebond::scene::description::MaterialRef;
+use rebond::scene::description::{MaterialRef, ShapeDescription};
 use rebond::scene::{BuildError, MeshSource, Resources, Scene, SceneDescription, build, material};
 use rebond::shape::MeshData;
 use rebond::texture::Encoding;
@@ -190,6 +190,9 @@ enum Origin {
     Places(Places),
 }
 
+/// Elements that a lenient import leaves out because nothing can be built with them.
+const MOST_LEFT_OUT: usize = 64;
+
 /// What scene files end in.
 const EXTENSIONS: &str = ".toml, or .xml (Mitsuba 3), .pbrt (pbrt-v4), .gltf and .glb, .obj";
 
@@ -227,19 +230,25 @@ impl SceneSource {
         let folder = path.parent().map_or_else(PathBuf::new, Path::to_path_buf);
         let name = path.file_stem().map_or_else(|| "scene".into(), |s| s.to_string_lossy().into_owned());
         let from = Some(path.to_path_buf());
+        let imported = |scene: Imported| {
+            let mut source = Self { path: from.clone(), ..Self::imported(scene, &name) };
+            if options.lenient {
+                source.leave_out();
+            }
+            source
+        };
         if let Some("gltf" | "glb") = extension.as_deref() {
-            return Ok(Self { path: from, ..Self::imported(read_gltf(&bytes, scene, &folder, options)?, &name) });
+            return Ok(imported(read_gltf(&bytes, scene, &folder, options)?));
         }
         if let Some("obj") = extension.as_deref() {
             return Ok(Self { path: from, ..Self::imported(read_obj_scene(&bytes, scene, &folder, options)?, &name) });
         }
         let text = String::from_utf8(bytes).map_err(|e| not_text(e.as_bytes(), e.utf8_error().valid_up_to(), scene))?;
-        let read = match extension.as_deref() {
-            Some("xml") => Self::imported(read_mitsuba(&text, scene, &folder, options)?, &name),
-            Some("pbrt") => Self::imported(read_pbrt(&text, scene, &folder, options)?, &name),
-            _ => Self::parse(&text, scene, &name, SceneFiles::Folder(folder))?,
-        };
-        Ok(Self { path: from, ..read })
+        match extension.as_deref() {
+            Some("xml") => Ok(imported(read_mitsuba(&text, scene, &folder, options)?)),
+            Some("pbrt") => Ok(imported(read_pbrt(&text, scene, &folder, options)?)),
+            _ => Ok(Self { path: from, ..Self::parse(&text, scene, &name, SceneFiles::Folder(folder))? }),
+        }
     }
 
     /// Reads a scene from its text; `file` is what errors call it.
@@ -259,6 +268,40 @@ impl SceneSource {
             origin: Origin::Places(scene.places),
             files: SceneFiles::Imported(Arc::new(scene.files)),
             path: None,
+        }
+    }
+
+    /// Leaves out what the scene cannot be built with, with a warning for each: a shape's light, a shape, an emitter.
+    fn leave_out(&mut self) {
+        for _ in 0..MOST_LEFT_OUT {
+            let Err(error) = build(&self.description, &self.files) else { return };
+            let path = error.path.clone();
+            let located = self.locate(error);
+            let Origin::Places(places) = &mut self.origin else { return };
+            // The element: up to the first bracket's end.
+            let Some((list, i)) = path.split_once(']').and_then(|(element, _)| element.rsplit_once('[')) else {
+                return;
+            };
+            let Ok(i) = i.parse::<usize>() else { return };
+            let d = &mut self.description;
+            let mut no_shapes = Vec::new();
+            let shapes = match list {
+                "shapes" => &mut d.shapes,
+                _ => list.strip_prefix("groups.").and_then(|group| d.groups.get_mut(group)).unwrap_or(&mut no_shapes),
+            };
+            let mut what = "is left out";
+            if list == "emitters" && i < d.emitters.len() {
+                d.emitters.remove(i);
+                places.remove(list, i);
+            } else if i >= shapes.len() {
+                return;
+            } else if path.ends_with(".emission") && darken(&mut shapes[i]) {
+                what = "does not shine";
+            } else {
+                shapes.remove(i);
+                places.remove(list, i);
+            }
+            self.warnings.push(Error { message: format!("{}: it {what}", located.message), help: None, ..located });
         }
     }
 
@@ -316,6 +359,18 @@ impl SceneSource {
     }
 }
 
+/// Takes a shape's light away; whether there was any.
+fn darken(shape: &mut ShapeDescription) -> bool {
+    use ShapeDescription as S;
+    match shape {
+        S::Mesh(s) => s.emission.take().is_some(),
+        S::Obj(s) | S::Ply(s) => s.emission.take().is_some(),
+        S::Sphere(s) => s.emission.take().is_some(),
+        S::Rectangle(s) | S::Disk(s) | S::Cube(s) => s.emission.take().is_some(),
+        S::Instance(_) => false,
+    }
+}
+
 /// The error of a file that is text only up to its byte `valid`.
 fn not_text(bytes: &[u8], valid: usize, file: &str) -> Error {
     let text = String::from_utf8_lossy(bytes);
@@ -332,6 +387,30 @@ fn not_text(bytes: &[u8], valid: usize, file: &str) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn lenient_imports_leave_out_what_cannot_be_built() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("a.xml");
+        let text = r#"<scene version="3.0.0"><sensor type="perspective"/>
+<shape type="sphere"><float name="radius" value="-1"/></shape>
+<shape type="sphere"><float name="radius" value="3"/></shape>
+<shape type="rectangle"><bsdf type="mask"><bsdf type="diffuse"/></bsdf><emitter type="area"/></shape>
+<emitter type="spot"><float name="cutoff_angle" value="500"/></emitter><emitter type="constant"/></scene>"#;
+        std::fs::write(&path, text).expect("a file");
+        let path = path.display().to_string();
+        let strict = SceneSource::open(&path).and_then(|s| s.build().map(|_| ())).expect_err("a mistake");
+        assert_eq!((strict.line(), &*strict.message), (Some(2), "a sphere of radius -1"));
+        let source = SceneSource::open_with(&path, ImportOptions { lenient: true, ..ImportOptions::default() });
+        let source = source.unwrap_or_else(|e| panic!("{}", e.snippet()));
+        let warnings: Vec<_> = source.warnings.iter().map(|w| (w.line().unwrap_or(0), &*w.message)).collect();
+        assert_eq!(warnings.len(), 3, "{warnings:?}");
+        assert_eq!(warnings[0], (2, "a sphere of radius -1: it is left out"));
+        assert!(warnings[1].0 == 4 && warnings[1].1.ends_with("it does not shine"), "{warnings:?}");
+        assert!(warnings[2].0 == 5 && warnings[2].1.ends_with("it is left out"), "{warnings:?}");
+        assert_eq!((source.description.shapes.len(), source.description.emitters.len()), (2, 1));
+        source.build().unwrap_or_else(|e| panic!("{}", e.snippet()));
+    }
 
     #[test]
     fn a_digest_knows_the_scene_and_its_files() {

@@ -1,16 +1,23 @@
 //! Files from strangers: whatever they hold, an importer ends, soon, with a scene or an error, and with little memory.
 //!
-//! `REBOND_FUZZ_SECONDS=600 cargo test --release -p rebond-io --test hostile -- --include-ignored --nocapture` goes on for so long with
-//! each format.
+//! `REBOND_FUZZ_SECONDS=600 cargo test --release -p rebond-io --test hostile for_a_long_time -- --ignored --nocapture` goes on for so
+//! long with each format, or with that which `REBOND_FUZZ_FORMAT` names.
 
 use proptest::prelude::*;
 use proptest::test_runner::{Config, TestRunner};
-use rebond_io::{ImportOptions, SceneSource, read_gltf, read_mitsuba, read_obj_scene, read_pbrt};
+use rebond_io::{
+    ImportOptions, SceneSource, read_gltf, read_image, read_mitsuba, read_obj, read_obj_scene, read_pbrt, read_ply,
+};
 use std::path::{Path, PathBuf};
+use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
 fn data() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/mitsuba")
+}
+
+fn pbrt() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/pbrt")
 }
 
 const LENIENT: ImportOptions = ImportOptions { lenient: true, allow_outside: false };
@@ -20,8 +27,17 @@ const LENIENT: ImportOptions = ImportOptions { lenient: true, allow_outside: fal
 fn swallow(format: Format, bytes: &[u8], folder: &Path) {
     for options in [ImportOptions::default(), LENIENT] {
         let read = match format {
+            Format::Meshes => {
+                return match bytes.starts_with(b"ply") {
+                    true => drop(read_ply(bytes, "a.ply")),
+                    false => drop(read_obj(bytes, "a.obj")),
+                };
+            }
+            Format::Images => {
+                return ["a.png", "a.pfm", "a.hdr"].iter().for_each(|name| drop(read_image(bytes, name)));
+            }
             Format::Mitsuba => read_mitsuba(&String::from_utf8_lossy(bytes), "a.xml", &data(), options),
-            Format::Pbrt => read_pbrt(&String::from_utf8_lossy(bytes), "a.pbrt", &data().join("parts"), options),
+            Format::Pbrt => read_pbrt(&String::from_utf8_lossy(bytes), "a.pbrt", &pbrt(), options),
             Format::Gltf => read_gltf(bytes, "a.gltf", &data().join("../gltf"), options),
             Format::Obj => read_obj_scene(bytes, "a.obj", &data().join("../obj"), options),
             Format::Mtl => {
@@ -44,13 +60,15 @@ enum Format {
     Gltf,
     Obj,
     Mtl,
+    Meshes,
+    Images,
 }
 
-/// The files of a folder that end so.
-fn files(folder: &str, extensions: &[&str]) -> Vec<Vec<u8>> {
-    let entries = std::fs::read_dir(data().join(folder)).expect("a folder").map(|e| e.expect("an entry").path());
-    let mut files: Vec<PathBuf> =
-        entries.filter(|p| p.extension().is_some_and(|e| extensions.iter().any(|known| e == *known))).collect();
+/// The files of a folder with one of these extensions.
+fn files(folder: &Path, extensions: &[&str]) -> Vec<Vec<u8>> {
+    let entries = std::fs::read_dir(folder).expect("a folder").map(|e| e.expect("an entry").path());
+    let wanted = |p: &PathBuf| p.extension().is_some_and(|e| extensions.contains(&&*e.to_string_lossy()));
+    let mut files: Vec<PathBuf> = entries.filter(wanted).collect();
     files.sort();
     files.iter().map(|p| std::fs::read(p).expect("a file")).collect()
 }
@@ -60,21 +78,26 @@ fn seeds(format: Format) -> Vec<Vec<u8>> {
     match format {
         Format::Obj => vec![std::fs::read(data().join("../obj/room.obj")).expect("a scene")],
         Format::Mtl => vec![std::fs::read(data().join("../obj/room.mtl")).expect("a library")],
-        Format::Mitsuba => files("", &["xml"]),
+        Format::Mitsuba => files(&data(), &["xml"]),
+        Format::Meshes => files(&data().join("parts"), &["ply", "obj"]),
+        Format::Images => {
+            let sky = include_bytes!("../../../scenes/window.hdr").to_vec();
+            files(&data().join("parts"), &["png", "pfm"]).into_iter().chain([sky]).collect()
+        }
         Format::Pbrt => {
             let text = r#"LookAt 3 4 1.5 .5 .5 0 0 0 1 Camera "perspective" "float fov" 45 "float lensradius" 0.1
 Film "rgb" "integer xresolution" 8 "integer yresolution" 6 Sampler "halton" "integer pixelsamples" 4 Integrator "bdpt" "integer maxdepth" 3
 PixelFilter "mitchell" WorldBegin LightSource "infinite" "blackbody L" 5000 "float scale" .4
 AttributeBegin Rotate -90 1 0 0 Scale 2 2 2 ReverseOrientation AreaLightSource "diffuse" "spectrum L" [400 1 500 2 700 3] Shape "disk" AttributeEnd
-Texture "q" "spectrum" "imagemap" "string filename" "quarters.png" "float scale" .5 "bool invert" true "float uscale" 3
-Texture "c" "spectrum" "checkerboard" "rgb tex1" [.8 .8 .8] Texture "h" "float" "imagemap" "string filename" "holes.png"
+Texture "q" "spectrum" "imagemap" "string filename" "parts/quarters.png" "float scale" .5 "bool invert" true "float uscale" 3
+Texture "c" "spectrum" "checkerboard" "rgb tex1" [.8 .8 .8] Texture "h" "float" "imagemap" "string filename" "parts/holes.png"
 MakeNamedMaterial "a" "string type" "diffuse" "texture reflectance" "q" MakeNamedMaterial "b" "string type" "conductor" "spectrum eta" "metal-Ag-eta"
-Material "mix" "string materials" ["a" "b"] "float amount" .3 ObjectBegin "o" Shape "plymesh" "string filename" "lump.ply" ObjectEnd
+Material "mix" "string materials" ["a" "b"] "float amount" .3 ObjectBegin "o" Shape "plymesh" "string filename" "parts/lump.ply" ObjectEnd
 AttributeBegin ConcatTransform [1 0 0 0 0 1 0 0 0 0 1 0 1 2 3 1] ObjectInstance "o" AttributeEnd Material "coateddiffuse" "float roughness" .1
 Shape "loopsubdiv" "integer levels" 2 "point3 P" [1 0 0 -1 0 0 0 1 0 0 -1 0 0 0 1 0 0 -1] "integer indices" [0 2 4 2 1 4 1 3 4 3 0 4 2 0 5 1 2 5 3 1 5 0 3 5]
 Shape "bilinearmesh" "point3 P" [0 0 0 1 0 0 0 1 0 1 1 1] "texture alpha" "h" Shape "trianglemesh" "point3 P" [0 0 0 1 0 0 0 1 0] "point2 uv" [0 0 1 0 0 1]
 "#;
-            vec![text.as_bytes().to_vec()]
+            files(&pbrt(), &["pbrt"]).into_iter().chain([text.as_bytes().to_vec()]).collect()
         }
         Format::Gltf => {
             let text = r#"{"asset":{"version":"2.0"},"extensionsUsed":["KHR_lights_punctual","KHR_texture_transform"],
@@ -99,7 +122,7 @@ Shape "bilinearmesh" "point3 P" [0 0 0 1 0 0 0 1 0 1 1 1] "texture alpha" "h" Sh
             glb.extend(b"JSON");
             glb.extend(&json);
             let mut seeds = vec![text.as_bytes().to_vec(), glb];
-            seeds.extend(files("../gltf", &["gltf", "glb"]));
+            seeds.extend(files(&data().join("../gltf"), &["gltf", "glb"]));
             seeds
         }
     }
@@ -198,10 +221,12 @@ fn change() -> impl Strategy<Value = Change> {
     ]
 }
 
-/// No input takes longer: small scenes take milliseconds.
-const LONGEST: Duration = Duration::from_secs(20);
+/// Small files take milliseconds, and those with the largest numbers that are allowed seconds: what takes longer than this will not
+/// end, on the slowest of machines.
+const HANG: Duration = Duration::from_secs(600);
 
-fn fuzz(format: Format, cases: u32) -> u32 {
+/// How many cases, and how long the longest of them took.
+fn fuzz(format: Format, cases: u32) -> (u32, Duration) {
     let seeds = seeds(format);
     let config = Config { cases, failure_persistence: None, ..Config::default() };
     let folder = tempfile::tempdir().expect("a folder");
@@ -209,15 +234,24 @@ fn fuzz(format: Format, cases: u32) -> u32 {
         std::fs::copy(data().join("../obj").join(image), folder.path().join(image)).expect("an image");
     }
     let strategy = (0..seeds.len(), proptest::collection::vec(change(), 1..6));
+    let longest = std::cell::Cell::new(Duration::ZERO);
     let outcome = TestRunner::new(config).run(&strategy, |(seed, changes)| {
         let bytes = changed(&seeds[seed], &changes);
         let start = Instant::now();
-        swallow(format, &bytes, folder.path());
-        prop_assert!(start.elapsed() < LONGEST, "{:?}", start.elapsed());
+        let (done, ended) = mpsc::channel();
+        let path = folder.path().to_path_buf();
+        let thread = std::thread::spawn(move || {
+            swallow(format, &bytes, &path);
+            let _ = done.send(());
+        });
+        // A panic closes the channel too.
+        prop_assert!(ended.recv_timeout(HANG) != Err(mpsc::RecvTimeoutError::Timeout), "it hangs");
+        prop_assert!(thread.join().is_ok(), "it panics");
+        longest.set(longest.get().max(start.elapsed()));
         Ok(())
     });
     outcome.unwrap_or_else(|e| panic!("{format:?}: {e}"));
-    cases
+    (cases, longest.get())
 }
 
 #[test]
@@ -227,7 +261,7 @@ fn broken_mitsuba_scenes_end() {
 
 #[test]
 fn broken_pbrt_scenes_end() {
-    fuzz(Format::Pbrt, 300);
+    fuzz(Format::Pbrt, 100);
 }
 
 #[test]
@@ -242,16 +276,29 @@ fn broken_obj_scenes_end() {
 }
 
 #[test]
+fn broken_meshes_and_images_end() {
+    fuzz(Format::Meshes, 100);
+    fuzz(Format::Images, 100);
+}
+
+#[test]
 #[expect(clippy::print_stdout)]
 #[ignore = "as long as REBOND_FUZZ_SECONDS says, with each format"]
 fn for_a_long_time() {
     let seconds = std::env::var("REBOND_FUZZ_SECONDS").ok().and_then(|s| s.parse().ok()).unwrap_or(60);
-    for format in [Format::Pbrt, Format::Mitsuba, Format::Gltf, Format::Obj, Format::Mtl] {
-        let (start, mut cases) = (Instant::now(), 0);
-        while start.elapsed() < Duration::from_secs(seconds) {
-            cases += fuzz(format, 200);
+    let only = std::env::var("REBOND_FUZZ_FORMAT").ok();
+    for format in
+        [Format::Pbrt, Format::Mitsuba, Format::Gltf, Format::Obj, Format::Mtl, Format::Meshes, Format::Images]
+    {
+        if only.as_ref().is_some_and(|name| !format!("{format:?}").eq_ignore_ascii_case(name)) {
+            continue;
         }
-        println!("{format:?}: {cases} cases in {:?}", start.elapsed());
+        let (start, mut cases, mut longest) = (Instant::now(), 0, Duration::ZERO);
+        while start.elapsed() < Duration::from_secs(seconds) {
+            let (more, longer) = fuzz(format, 200);
+            (cases, longest) = (cases + more, longest.max(longer));
+        }
+        println!("{format:?}: {cases} cases in {:?}, the longest in {longest:?}", start.elapsed());
     }
 }
 
@@ -297,6 +344,28 @@ fn a_megabyte_of_malice_is_refused() {
     }
     let entity = r#"<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">]><scene version="3.0.0">&b;</scene>"#;
     assert!(error(entity).contains("not valid XML"), "{}", error(entity));
+    // pbrt: attributes without end, round shapes that have to be meshes, and textures of a texture, each worked out.
+    let pbrt = |text: &str| match read_pbrt(
+        &format!("Camera \"perspective\" WorldBegin {text}"),
+        "a.pbrt",
+        &pbrt(),
+        LENIENT,
+    ) {
+        Err(e) => e.message,
+        Ok(scene) => format!("{} images", scene.files.images.len()),
+    };
+    assert!(pbrt(&"AttributeBegin ".repeat(70_000)).contains("within each other"));
+    assert!(pbrt(&"Shape \"sphere\" \"float phimax\" 9 ".repeat(30_000)).contains("would come to more than"));
+    assert!(pbrt(&"Shape \"cylinder\" ".repeat(50_000)).contains("would come to more than"));
+    let image = "Texture \"0\" \"spectrum\" \"imagemap\" \"string filename\" \"parts/quarters.png\" ";
+    let scale = |i: usize| {
+        let of = format!("\"texture tex\" \"{i}\" \"float scale\" 0.9999");
+        format!(
+            "Texture \"{}\" \"spectrum\" \"scale\" {of} Material \"diffuse\" \"texture reflectance\" \"{i}\" ",
+            i + 1
+        )
+    };
+    assert_eq!(pbrt(&format!("{image}{}", (0..3000).map(scale).collect::<String>())), "2999 images");
     // glTF: what is said to be there and is not, and nodes that double a thousand times.
     let gltf = |value: &str| match read_gltf(value.as_bytes(), "a.gltf", &data(), LENIENT) {
         Err(e) => e.message,

@@ -386,6 +386,15 @@ fn settings_are_what_they_say() {
         }
         other => panic!("{other:?}"),
     }
+    match &d.camera {
+        CameraDescription::ThinLens { near_clip, .. } => assert_eq!(*near_clip, 0.01, "as nothing else is said"),
+        other => panic!("{other:?}"),
+    }
+    // Of several pictures the one that an integrator within renders.
+    let aov = text.replace("\"moment\">", "\"aov\"><string name=\"aovs\" value=\"dd.y:depth\"/>");
+    let source = strict(&aov).unwrap_or_else(|e| panic!("{}", e.snippet()));
+    assert!(matches!(&source.description.integrator, IntegratorSettings::Path(p) if p.rr_depth == 3));
+    assert!(source.warnings.len() == 1 && source.warnings[0].message.contains("only the picture"));
     // Older scenes write names in another way, and unlimited depth as -1.
     let old = text
         .replace("3.0.0", "0.6.0")

@@ -17,12 +17,18 @@ const SCRIPT: &str = include_str!("page.js");
 fn short(x: f64) -> String {
     match x.abs() {
         0.0 => "0".into(),
+        1.0..1e4 if x.fract() == 0.0 => format!("{x}"),
         1e-2..1e4 => {
             let digits = (2 - x.abs().log10().floor() as i32).max(0) as usize;
             format!("{x:.digits$}")
         }
         _ => format!("{x:.2e}"),
     }
+}
+
+/// A slope, with a minus sign for a hyphen.
+fn signed(x: f64) -> String {
+    format!("{x:.2}").replace('-', "−")
 }
 
 /// What each did, in numbers.
@@ -81,7 +87,7 @@ pub fn charts(report: &Report) -> [Chart; 2] {
             let points: Vec<[f64; 2]> = e.run.curve.iter().map(of).filter(|p| p[0] > 0.0 && p[1] > 0.0).collect();
             ends = points.iter().fold(ends, |[a, b], p| [a.min(p[0]), b.max(p[0])]);
             let name = match e.measured.slopes[k] {
-                Some(fit) => format!("{}, slope {:.2}", e.run.contender.text, fit.slope),
+                Some(fit) => format!("{}, slope {}", e.run.contender.text, signed(fit.slope)),
                 None => e.run.contender.text.clone(),
             };
             let color = color % GREY;
@@ -254,6 +260,7 @@ fn verdicts(report: &Report) -> Markup {
             100.0 * v.brightness,
             short(v.brightness_p())
         )
+        .replace('-', "−")
     };
     html! {
         h2 { "Right, or only less noisy?" }

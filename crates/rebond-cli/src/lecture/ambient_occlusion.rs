@@ -16,8 +16,9 @@ use std::fmt::Write;
 
 pub const SECTION: Section = Section {
     name: "ambient-occlusion",
-    title: "Ambient occlusion",
+    title: ["Ambient occlusion", "Occlusion ambiante"],
     makes: "pictures by three samplings of N = 10, 100, 1000; a sphere right and wrong; convergence; variances",
+    sources: &["crates/rebond/src/integrators/ambient_occlusion.rs", "crates/rebond/src/sampling/warp.rs"],
     run,
 };
 
@@ -32,15 +33,18 @@ fn integrator(sampling: &str) -> String {
 }
 
 fn run(workshop: &Workshop) -> Result<Findings, Failure> {
-    let mut out = Findings::default();
+    let mut out = workshop.findings();
     out.formula(r"L_{ao}(x)=\int_{\Omega}\frac{\max(n\cdot\omega,0)}{\pi}\,V(x,\omega)\,d\omega");
     out.formula(r"\approx\frac{4}{N}\sum_i\max(n\cdot\omega_i,0)\,V_i");
     out.formula(r"\approx\frac{2}{N}\sum_i\max(n\cdot\omega_i,0)\,V_i\qquad\approx\frac{1}{N}\sum_i V_i");
-    out.text(
+    out.text([
         "The share of an even sky that a point sees, weighed by the cosine. Directions are drawn uniformly over the \
          sphere (half of them in vain), uniformly over the hemisphere, or in proportion to the cosine, which leaves \
          no noise but that of visibility. What is more than 2 m away hides nothing here.",
-    );
+        "La part d'un ciel uniforme qu'un point voit, pondérée par le cosinus. Les directions sont tirées uniformément sur la sphère \
+         (sphere, la moitié en vain), uniformément sur l'hémisphère (hemisphere), ou en proportion du cosinus (cosine), ce qui ne laisse \
+         d'autre bruit que celui de la visibilité. Ce qui est à plus de 2 m ne cache rien ici.",
+    ]);
     let side = workshop.pick([24, 160, 512]);
     let stage = workshop.stage("dragon", [side, side])?;
     let last = pictures(workshop, &stage, &mut out)?;
@@ -58,8 +62,12 @@ fn pictures(workshop: &Workshop, stage: &Stage, out: &mut Findings) -> Result<Im
             let shot = Shot::new(&integrator, n);
             let (film, _) = workshop.film(stage, &shot)?;
             let name = format!("ao-{sampling}-{n}");
-            let alt = format!("The dragon by ambient occlusion, {sampling} sampling, {n} samples a pixel");
-            row.push(workshop.picture(stage, &shot, &film, &name, format!("{sampling}, N = {n}"), alt)?);
+            let caption = format!("{sampling}, N = {n}");
+            let alt = [
+                format!("The dragon by ambient occlusion, {sampling} sampling, {n} samples a pixel"),
+                format!("Le dragon par occlusion ambiante, échantillonnage {sampling}, {n} échantillons par pixel"),
+            ];
+            row.push(workshop.picture(stage, &shot, &film, &name, [&*caption; 2], alt)?);
             last = film.develop();
         }
         out.pictures(row);
@@ -83,8 +91,8 @@ fn right_sphere(u: [f64; 2]) -> [f64; 3] {
 }
 
 fn spheres(workshop: &Workshop, out: &mut Findings) {
-    out.heading("A sphere sampled right and wrong");
-    out.formula(r"\theta=\arccos(1-2\xi_1),\;\varphi=2\pi\xi_2\qquad\text{not}\qquad\theta=\pi\xi_1");
+    out.heading(["A sphere sampled right and wrong", "Une sphère bien et mal échantillonnée"]);
+    out.formula(r"\theta=\arccos(1-2\xi_1),\;\varphi=2\pi\xi_2\qquad\ne\qquad\theta=\pi\xi_1");
     let pairs = |n| {
         let of = |seed| numbers(SamplerSettings::Independent {}, workshop.seed(seed), n);
         of(11).zip(of(12)).map(|(u, v)| [u, v])
@@ -97,9 +105,10 @@ fn spheres(workshop: &Workshop, out: &mut Findings) {
     let mut shares = Vec::new();
     type Warp = fn([f64; 2]) -> [f64; 3];
     for (warp, title, cx) in [
-        (right_sphere as Warp, "θ = acos(1 − 2ξ): uniform", 190.0),
-        (wrong_sphere, "θ = πξ: clustered at the poles", 570.0),
+        (right_sphere as Warp, ["θ = acos(1 − 2ξ): uniform", "θ = acos(1 − 2ξ) : uniforme"], 190.0),
+        (wrong_sphere, ["θ = πξ: clustered at the poles", "θ = πξ : concentré aux pôles"], 570.0),
     ] {
+        let title = workshop.say(title);
         // Writing to a string cannot fail.
         let _ = writeln!(svg, "<text x=\"{cx}\" y=\"28\" text-anchor=\"middle\" fill=\"#000000\">{title}</text>");
         let _ = writeln!(svg, "<circle cx=\"{cx}\" cy=\"215\" r=\"165\" fill=\"none\" stroke=\"#808080\"/>");
@@ -123,23 +132,32 @@ fn spheres(workshop: &Workshop, out: &mut Findings) {
     out.drawing(
         "ao-spheres",
         svg,
-        "Points on two spheres: spread evenly on the left, crowded about the pole on the right",
-        "The same random numbers, made directions in two ways; paler points are behind",
+        [
+            "Points on two spheres: spread evenly on the left, crowded about the pole on the right",
+            "Des points sur deux sphères : répartis également à gauche, concentrés près du pôle à droite",
+        ],
+        [
+            "The same random numbers, made directions in two ways; paler points are behind",
+            "Les mêmes nombres aléatoires, transformés en directions de deux façons ; les points pâles sont derrière",
+        ],
     );
     let [(right, open), (wrong, too_much)] = [shares[0], shares[1]];
-    out.proof(format!(
-        "Share of directions within 30° of a pole: {:.4} ± {:.4} by the right way (theory 1 − cos 30° = {:.4}), {:.4} \
-         by the wrong one (theory 1/3). Taken for uniform, the wrong one makes an open plane {:.3} ± {:.3} bright \
-         (theory 4/π = {:.3}) where the right one makes it {:.3} (1).",
-        right.mean(),
-        right.standard_error(),
-        1.0 - cap,
-        wrong.mean(),
-        too_much.mean(),
-        too_much.standard_error(),
-        4.0 / PI,
-        open.mean()
-    ));
+    let (share, error, by_theory) = (right.mean(), right.standard_error(), 1.0 - cap);
+    let (crowded, bright, bright_error, bright_theory) =
+        (wrong.mean(), too_much.mean(), too_much.standard_error(), 4.0 / PI);
+    let as_it_is = open.mean();
+    out.proof([
+        format!(
+            "Share of directions within 30° of a pole: {share:.4} ± {error:.4} by the right way (theory 1 − cos 30° = {by_theory:.4}), \
+             {crowded:.4} by the wrong one (theory 1/3). Taken for uniform, the wrong one makes an open plane {bright:.3} ± \
+             {bright_error:.3} bright (theory 4/π = {bright_theory:.3}) where the right one makes it {as_it_is:.3} (1)."
+        ),
+        format!(
+            "Part des directions à moins de 30° d'un pôle : {share:.4} ± {error:.4} par la bonne façon (théorie 1 − cos 30° = \
+             {by_theory:.4}), {crowded:.4} par la mauvaise (théorie 1/3). Prise pour uniforme, la mauvaise donne à un plan dégagé la \
+             luminosité {bright:.3} ± {bright_error:.3} (théorie 4/π = {bright_theory:.3}) là où la bonne donne {as_it_is:.3} (1)."
+        ),
+    ]);
     let value = |m: &Moments, theory: f64| json!({ "theory": theory, "measured": m.mean(), "p": m.p_value(theory) });
     out.number(
         "within_30_degrees_of_a_pole",
@@ -154,15 +172,25 @@ const OCCLUDED: [f64; 2] = [0.59, 0.617];
 const OPEN: [f64; 2] = [0.1, 0.2];
 
 fn experiments(workshop: &Workshop, stage: &Stage, picture: &Image, out: &mut Findings) -> Result<(), Failure> {
-    out.heading("Two experiments");
+    out.heading(["Two experiments", "Deux expériences"]);
     let [width, height] = stage.size();
     let pixel = |[x, y]: [f64; 2]| [(x * f64::from(width)) as u32, (y * f64::from(height)) as u32];
     let (occluded, open) = (pixel(OCCLUDED), pixel(OPEN));
     out.pictures(vec![Picture {
         name: "ao-pixels".into(),
         png: png(&ringed(picture, &[(occluded, [0.85, 0.11, 0.0]), (open, [0.0, 0.2, 0.55])]), 0.0)?,
-        alt: "The dragon with two rings, one under its arched back and one on the ground far behind it".into(),
-        caption: format!("Red: pixel {occluded:?}, which sees occluders. Blue: pixel {open:?}, which sees none."),
+        alt: workshop
+            .say([
+                "The dragon with two rings, one under its arched back and one on the ground far behind it",
+                "Le dragon avec deux anneaux, l'un sous son dos voûté et l'autre sur le sol loin derrière lui",
+            ])
+            .into(),
+        caption: workshop.say([
+            format!("Red: pixel {occluded:?}, which sees occluders. Blue: pixel {open:?}, which sees none."),
+            format!(
+                "Rouge : le pixel {occluded:?}, qui voit des obstacles. Bleu : le pixel {open:?}, qui n'en voit pas."
+            ),
+        ]),
         command: None,
     }]);
     let reference = workshop.film(
@@ -188,29 +216,46 @@ fn experiments(workshop: &Workshop, stage: &Stage, picture: &Image, out: &mut Fi
         }
         let line = [1.0, f64::from(MOST)].map(|n| [n, expected]).to_vec();
         curves.push(Curve {
-            name: format!("expectation {expected:.4}"),
+            name: format!("{} {expected:.4}", workshop.say(["expectation", "espérance"])),
             mark: Mark::Dashes,
             color: GREY,
             points: line,
         });
-        let what = if name == "open" { "sees no occluder" } else { "sees occluders" };
+        let title = if name == "open" {
+            [
+                "Value of the pixel that sees no occluder, as samples are added",
+                "Valeur du pixel qui ne voit pas d'obstacle, selon le nombre d'échantillons",
+            ]
+        } else {
+            [
+                "Value of the pixel that sees occluders, as samples are added",
+                "Valeur du pixel qui voit des obstacles, selon le nombre d'échantillons",
+            ]
+        };
         out.plot(
             &format!("ao-experiment-{name}"),
             Chart {
-                title: format!("Value of the pixel that {what}, as samples are added"),
-                x: Axis { label: "samples N", log: true, range: Some([1.0, f64::from(MOST)]) },
-                y: Axis { label: "ambient occlusion", log: false, range: Some([0.0, 2.0]) },
+                title: workshop.say(title).into(),
+                x: Axis { label: workshop.say(["samples N", "échantillons N"]), log: true, range: Some([1.0, f64::from(MOST)]) },
+                y: Axis { label: workshop.say(["ambient occlusion", "occlusion ambiante"]), log: false, range: Some([0.0, 2.0]) },
                 bands,
                 curves,
                 legend: Default::default(),
             },
-            format!("Three curves draw near {expected:.3}: sphere sampling wavers most, cosine sampling least"),
+            [
+                format!("Three curves draw near {expected:.3}: sphere sampling wavers most, cosine sampling least"),
+                format!(
+                    "Trois courbes s'approchent de {expected:.3} : celle de la sphère hésite le plus, celle du cosinus le moins"
+                ),
+            ],
         );
     }
-    out.text(
+    out.text([
         "Where nothing is in the way the cosine's estimate is exact from its first sample on. Where something is, its \
          noise is that of V, which is 0 or 1: σ² = L(1 − L).",
-    );
+        "Là où rien ne fait obstacle, l'estimation par le cosinus est exacte dès son premier échantillon. Ailleurs, son bruit est celui \
+         de V, qui vaut 0 ou 1 : σ² = L(1 − L).",
+    ]);
     variances(workshop, stage, open, &measured, truth.mean(), out)
 }
 
@@ -272,7 +317,8 @@ fn variances(
             expected_there,
             format!("{there:.4}"),
         ]);
-        words.push(format!("{sampling} {:.4} (theory {theory:.4})", variances.mean()));
+        let by_theory = workshop.say(["theory", "théorie"]);
+        words.push(format!("{sampling} {:.4} ({by_theory} {theory:.4})", variances.mean()));
         numbers.insert(
             sampling.into(),
             json!({ "theory": theory, "measured": variances.mean(), "standard_error": variances.standard_error(),
@@ -280,11 +326,23 @@ fn variances(
         );
     }
     out.formula(r"V=1:\quad \sigma^2=\int\frac{f^2}{p}-1=\tfrac{5}{3},\;\tfrac{1}{3},\;0");
-    out.proof(format!("Variance of one sample where V = 1: {}.", words.join(", ")));
+    out.proof([
+        format!("Variance of one sample where V = 1: {}.", words.join(", ")),
+        format!("Variance d'un échantillon là où V = 1 : {}.", words.join(" ; ")),
+    ]);
     out.table(
         "ao-variances",
-        "Variance of one sample, theory beside measurement",
-        &["sampling", "V = 1, theory", "V = 1, measured", "with occluders, theory", "with occluders, measured"],
+        [
+            "Variance of one sample, theory beside measurement",
+            "Variance d'un échantillon, la théorie à côté de la mesure",
+        ],
+        &[
+            ["sampling", "échantillonnage"],
+            ["V = 1, theory", "V = 1, théorie"],
+            ["V = 1, measured", "V = 1, mesurée"],
+            ["with occluders, theory", "avec obstacles, théorie"],
+            ["with occluders, measured", "avec obstacles, mesurée"],
+        ],
         rows,
     );
     out.number("variances", numbers);

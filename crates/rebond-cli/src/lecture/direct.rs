@@ -1,17 +1,19 @@
 //! Direct light in pictures: shadows, Phong's lobe, linearity, factors of the integrand, seven samplings side by side.
 
 use super::Section;
+use super::language::told;
 use super::page::{Findings, Picture};
 use super::workshop::{Shot, Stage, Workshop, png};
 use crate::Failure;
-use crate::judge::{Means, of_test, verdict};
+use crate::judge::{Means, of_test};
 use rebond::film::Image;
 use serde_json::json;
 
 pub const SECTION: Section = Section {
     name: "direct",
-    title: "Direct light",
+    title: ["Direct light", "Illumination directe"],
     makes: "shadows, Phong's lobe, sums of lights, factors of the integrand, seven samplings",
+    sources: &["crates/rebond/src/integrators/direct.rs", "crates/rebond/src/emitter/light_sampler.rs"],
     run,
 };
 
@@ -19,7 +21,7 @@ pub const SECTION: Section = Section {
 pub const SAMPLINGS: [&str; 7] = ["area", "solid-angle", "light", "cosine", "bsdf", "mis", "product"];
 
 fn run(workshop: &Workshop) -> Result<Findings, Failure> {
-    let mut out = Findings::default();
+    let mut out = workshop.findings();
     out.formula(
         r"L_o=\int_{\Omega}L_e f_r V\cos\theta_i\,d\omega_i=\int_A L_e f_r V\cos\theta_i\frac{\cos\theta'}{d^2}\,dA",
     );
@@ -38,16 +40,28 @@ fn points(workshop: &Workshop) -> Result<(Stage, u32), Failure> {
 }
 
 fn shadows(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
-    out.heading("Point lights, with shadows and without");
+    out.heading(["Point lights, with shadows and without", "Lumières ponctuelles, avec et sans ombres"]);
     out.formula(r"L_o=\frac{I}{d^2}\,\frac{\rho}{\pi}\,V(x,\omega)\,(n\cdot\omega)");
     let (stage, samples) = points(workshop)?;
-    let one = |i, words| workshop.shot(&stage, i, samples, words);
-    let (without, a) = one(
+    let (without, a) = workshop.shot(
+        &stage,
         "direct:sampling=light,shadows=false",
-        ["direct-no-shadows", "V = 1 everywhere", "Solids on a plane under three lights, without shadows"],
+        samples,
+        "direct-no-shadows",
+        ["V = 1 everywhere", "V = 1 partout"],
+        [
+            "Solids on a plane under three lights, without shadows",
+            "Des solides sur un plan sous trois lumières, sans ombres",
+        ],
     )?;
-    let (with, b) =
-        one("direct:sampling=light", ["direct-shadows", "with V", "The same solids, each throwing its shadows"])?;
+    let (with, b) = workshop.shot(
+        &stage,
+        "direct:sampling=light",
+        samples,
+        "direct-shadows",
+        ["with V", "avec V"],
+        ["The same solids, each throwing its shadows", "Les mêmes solides, chacun avec ses ombres"],
+    )?;
     let difference: Vec<[f32; 3]> =
         a.pixels().iter().zip(b.pixels()).map(|(a, b)| [0, 1, 2].map(|c| (a.mean()[c] - b.mean()[c]) as f32)).collect();
     let same = difference.iter().filter(|d| **d == [0.0; 3]).count();
@@ -59,22 +73,43 @@ fn shadows(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
         Picture {
             name: "direct-shadows-alone".into(),
             png: png(&Image::from_rgb(width, height, &difference), 0.0)?,
-            alt: "The shadows alone, bright on black".into(),
-            caption: "their difference: the light that shadows take".into(),
+            alt: workshop
+                .say(["The shadows alone, bright on black", "Les ombres seules, claires sur fond noir"])
+                .into(),
+            caption: workshop
+                .say([
+                    "their difference: the light that shadows take",
+                    "leur différence : la lumière que les ombres enlèvent",
+                ])
+                .into(),
             command: None,
         },
     ]);
-    out.proof(format!(
-        "Of {} pixels {same} are the same to the last bit; {}.",
-        difference.len(),
-        if darker { "the others are darker with shadows, none is brighter" } else { "some are brighter with shadows" }
-    ));
-    out.number("shadows", json!({ "pixels": difference.len(), "same": same, "none_brighter": darker }));
+    let pixels = difference.len();
+    out.proof(if darker {
+        [
+            format!(
+                "Of {pixels} pixels {same} are the same to the last bit; the others are darker with shadows, none is brighter."
+            ),
+            format!(
+                "Sur {pixels} pixels, {same} sont les mêmes au bit près ; les autres sont plus sombres avec les ombres, aucun n'est plus \
+                 clair."
+            ),
+        ]
+    } else {
+        [
+            format!("Of {pixels} pixels {same} are the same to the last bit; some are brighter with shadows."),
+            format!(
+                "Sur {pixels} pixels, {same} sont les mêmes au bit près ; certains sont plus clairs avec les ombres."
+            ),
+        ]
+    });
+    out.number("shadows", json!({ "pixels": pixels, "same": same, "none_brighter": darker }));
     Ok(())
 }
 
 fn phong(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
-    out.heading("Phong's lobe under one point light");
+    out.heading(["Phong's lobe under one point light", "Le lobe de Phong sous une lumière ponctuelle"]);
     out.formula(r"L_o=\frac{I}{d^2}\,\frac{r+1}{2\pi}\,(\omega_o\cdot R(\omega))^r");
     let stage = workshop.stage("phong-lamp", workshop.pick([[48, 16], [480, 160], [960, 320]]))?;
     let samples = workshop.pick([4, 16, 64]);
@@ -82,11 +117,16 @@ fn phong(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
         &stage,
         "direct:sampling=light",
         samples,
+        "direct-phong",
         [
-            "direct-phong",
             "From the left: diffuse; Phong of exponent 60 and of 300 as the lecture prints it; Phong of exponent 60 \
              in its energy-conserving form; Blinn-Phong of exponent 60",
+            "De gauche à droite : diffus ; Phong d'exposant 60 et 300 tel que le cours l'écrit ; Phong d'exposant 60 dans sa forme \
+             qui conserve l'énergie ; Blinn-Phong d'exposant 60",
+        ],
+        [
             "Five balls in a row under one lamp: the first matt, the others with highlights of different width",
+            "Cinq boules en rang sous une lampe : la première mate, les autres avec des reflets de largeurs différentes",
         ],
     )?;
     out.pictures(vec![picture]);
@@ -94,20 +134,36 @@ fn phong(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
 }
 
 fn linearity(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
-    out.heading("Light adds up");
-    out.text("The picture under several lights is the sum of the pictures under each alone.");
+    out.heading(["Light adds up", "La lumière s'additionne"]);
+    out.text([
+        "The picture under several lights is the sum of the pictures under each alone.",
+        "L'image sous plusieurs lumières est la somme des images sous chacune d'elles.",
+    ]);
     let (stage, samples) = points(workshop)?;
     let lights = stage.scene().emitters().len();
     let (mut row, mut parts) = (Vec::new(), Vec::new());
     for i in 0..lights {
         let integrator = format!("direct:light={i}");
-        let words = [format!("direct-light-{i}"), format!("light {i}"), format!("The solids under light {i} alone")];
-        let (picture, _) = workshop.shot(&stage, &integrator, samples, words.each_ref().map(String::as_str))?;
+        let (picture, _) = workshop.shot(
+            &stage,
+            &integrator,
+            samples,
+            &format!("direct-light-{i}"),
+            [format!("light {i}"), format!("lumière {i}")],
+            [format!("The solids under light {i} alone"), format!("Les solides sous la seule lumière {i}")],
+        )?;
         row.push(picture);
         parts.push(workshop.film(&stage, &Shot::new(&integrator, samples).independent(100 + i as u64))?.0);
     }
-    let words = ["direct-all-lights", "all of them", "The solids under all three lights"];
-    row.push(workshop.shot(&stage, "direct", samples, words)?.0);
+    let (all, _) = workshop.shot(
+        &stage,
+        "direct",
+        samples,
+        "direct-all-lights",
+        ["all of them", "toutes ensemble"],
+        ["The solids under all three lights", "Les solides sous les trois lumières"],
+    )?;
+    row.push(all);
     out.pictures(row);
     // The whole with random numbers of its own, so that nothing but expectations can agree.
     let whole = workshop.film(&stage, &Shot::new("direct", 4 * samples).independent(99))?.0;
@@ -116,14 +172,17 @@ fn linearity(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
     let test = sum.test(&whole, stage.size(), 8, 0.01);
     let ([a, a_error], [b, b_error]) = (sum.total(), whole.total());
     let (ratio, error) = (a / b, (a_error / b).hypot(a * b_error / (b * b)));
-    out.proof(format!(
-        "The sum of the single lights over the whole: {ratio:.5} ± {error:.5} over the picture. Welch's test, block \
-         by block: {} of {} below 1 %, where chance makes {:.1}; {}.",
-        test.below_alpha,
-        test.tested,
-        0.01 * test.tested as f64,
-        verdict(&test)
-    ));
+    let ([english, french], by_chance) = (told(&test), 0.01 * test.tested as f64);
+    out.proof([
+        format!(
+            "The sum of the single lights over the whole: {ratio:.5} ± {error:.5} over the picture. Block by block: {english}, where \
+             chance makes {by_chance:.1}."
+        ),
+        format!(
+            "La somme des lumières seules divisée par le tout : {ratio:.5} ± {error:.5} sur l'image. Bloc par bloc : {french}, là où le \
+             hasard en donne {by_chance:.1}."
+        ),
+    ]);
     out.number(
         "linearity",
         json!({ "lights": lights, "ratio": ratio, "standard_error": error, "welch": of_test(&test) }),
@@ -132,57 +191,90 @@ fn linearity(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
 }
 
 fn factors(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
-    out.heading("The factors of the integrand");
+    out.heading(["The factors of the integrand", "Les facteurs de l'intégrande"]);
     let (stage, samples) = points(workshop)?;
     let mut row = Vec::new();
-    for (factor, caption) in
-        [("le", "Le: what the first light sends, I/d², three stops darker"), ("v", "V"), ("bsdf", "f_r cosθ")]
-    {
-        let integrator = format!("direct:sampling=light,light=0,factor={factor}");
-        let words = [format!("direct-factor-{factor}"), caption.into(), format!("The factor {caption} alone")];
-        row.push(workshop.shot(&stage, &integrator, samples, words.each_ref().map(String::as_str))?.0);
+    for (factor, caption, legend) in [
+        (
+            "le",
+            "Le: what the first light sends, I/d², three stops darker",
+            "Le : ce qu'envoie la première lumière, I/d², assombri de trois diaphragmes",
+        ),
+        ("v", "V: whether it arrives", "V : si elle arrive"),
+        ("bsdf", "f_r cosθ: what is reflected", "f_r cosθ : ce qui est réfléchi"),
+    ] {
+        let (picture, _) = workshop.shot(
+            &stage,
+            &format!("direct:sampling=light,light=0,factor={factor}"),
+            samples,
+            &format!("direct-factor-{factor}"),
+            [caption, legend],
+            [format!("One factor alone, {caption}"), format!("Un facteur seul, {legend}")],
+        )?;
+        row.push(picture);
     }
     out.pictures(row);
     Ok(())
 }
 
 fn extended(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
-    out.heading("Extended lights, and many");
+    out.heading(["Extended lights, and many", "Lumières étendues, et nombreuses"]);
     let size = workshop.pick([[24, 16], [288, 192], [768, 512]]);
     let mut row = Vec::new();
     for (scene, caption, alt) in [
-        ("veach-mis", "lamps of growing size", "Four plates that mirror four round lamps, from small to large"),
-        ("many-lights", "13 788 lights", "A dragon on a plinth in a spiral of coloured lanterns"),
+        (
+            "veach-mis",
+            ["lamps of growing size", "des lampes de taille croissante"],
+            [
+                "Four plates that mirror four round lamps, from small to large",
+                "Quatre plaques qui reflètent quatre lampes rondes, de la petite à la grande",
+            ],
+        ),
+        (
+            "many-lights",
+            ["13 788 lights", "13 788 lumières"],
+            [
+                "A dragon on a plinth in a spiral of coloured lanterns",
+                "Un dragon sur un socle dans une spirale de lanternes colorées",
+            ],
+        ),
     ] {
         let stage = workshop.stage(scene, size)?;
         let name = format!("direct-{scene}");
-        row.push(workshop.shot(&stage, "direct", workshop.pick([4, 32, 256]), [name.as_str(), caption, alt])?.0);
+        row.push(workshop.shot(&stage, "direct", workshop.pick([4, 32, 256]), &name, caption, alt)?.0);
     }
     out.pictures(row);
     Ok(())
 }
 
 fn samplings(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
-    out.heading("How to draw the samples");
+    out.heading(["How to draw the samples", "Comment tirer les échantillons"]);
     out.formula(r"\frac{1}{N}\sum\frac{L_e f_r V\cos\theta_i}{p(\omega_i)}");
     out.formula(r"\frac{1}{N}\sum\frac{L_e f_r V\cos\theta_i\cos\theta'}{d^2\,p(x_i)}");
-    out.text(
+    out.text([
         "Points of lights, by area, by solid angle, or by what they emit; directions, by the cosine or by f_r; one of \
          each, weighed by the power heuristic (mis); and one of 16 candidates, chosen in proportion to Le f_r cosθ \
          (product). 16 samples a pixel each.",
-    );
+        "Des points des lumières, selon l'aire, selon l'angle solide, ou selon ce qu'ils émettent (area, solid-angle, light) ; des \
+         directions, selon le cosinus ou selon f_r (cosine, bsdf) ; un de chaque, pondérés par l'heuristique de puissance (mis) ; et un \
+         parmi 16 candidats, choisi en proportion de Le f_r cosθ (product). 16 échantillons par pixel pour chacun.",
+    ]);
     let size = workshop.pick([[24, 16], [192, 128], [384, 256]]);
-    for (scene, what) in [("veach-mis", "Veach's plates"), ("sky", "the sphere and the trees under the sky")] {
+    for (scene, what, quoi) in [
+        ("veach-mis", "Veach's plates", "les plaques de Veach"),
+        ("sky", "the sphere and the trees under the sky", "la sphère et les arbres sous le ciel"),
+    ] {
         let stage = workshop.stage(scene, size)?;
         let mut row = Vec::new();
         for sampling in SAMPLINGS {
             let integrator = format!("direct:sampling={sampling}");
-            let words = [
-                format!("direct-{scene}-{sampling}"),
-                format!("{scene}, {sampling}"),
+            let name = format!("direct-{scene}-{sampling}");
+            let caption = format!("{scene}, {sampling}");
+            let alt = [
                 format!("Noise of {sampling} sampling on {what}"),
+                format!("Le bruit de l'échantillonnage {sampling} sur {quoi}"),
             ];
-            row.push(workshop.shot(&stage, &integrator, 16, words.each_ref().map(String::as_str))?.0);
+            row.push(workshop.shot(&stage, &integrator, 16, &name, [&*caption; 2], alt)?.0);
         }
         out.pictures(row);
     }

@@ -11,8 +11,9 @@ use serde_json::{Map, Value, json};
 
 pub const SECTION: Section = Section {
     name: "direct-errors",
-    title: "Samplings of direct light, measured",
+    title: ["Samplings of direct light, measured", "Échantillonner l'illumination directe : mesures"],
     makes: "a table: the variance of seven samplings on three scenes, the bound of MIS, cost, agreement",
+    sources: &["crates/rebond/src/integrators/direct.rs", "crates/rebond/src/transport/mod.rs"],
     run,
 };
 
@@ -28,13 +29,17 @@ struct Row {
 }
 
 fn run(workshop: &Workshop) -> Result<Findings, Failure> {
-    let mut out = Findings::default();
-    out.text(
+    let mut out = workshop.findings();
+    out.text([
         "Independent samples. Variance is that of one sample, over the squared mean of its pixel (+ 0.01), averaged \
          over the picture: the relMSE of N samples is this over N. Pixels at or beside which a lamp itself shows are \
          left out: their noise is that of its edge, and the same for all. Agreement with path tracing cut off at two \
          segments is judged by Welch's test on small pictures, all rows together at 1 %.",
-    );
+        "Des échantillons indépendants. La variance est celle d'un seul échantillon, divisée par le carré de la moyenne de son pixel \
+         (+ 0.01), en moyenne sur l'image : la relMSE de N échantillons en est le N-ième. Les pixels où une lampe est visible, et leurs \
+         voisins, sont écartés : leur bruit est celui de son bord, le même pour tous. L'accord avec le tracé de chemins tronqué à deux \
+         segments est jugé par le test de Welch sur de petites images, toutes les lignes ensemble à 1 %.",
+    ]);
     let (mut rows, mut numbers) = (Vec::new(), Map::new());
     for scene in ["veach-mis", "many-lights", "sky"] {
         let found = errors(workshop, scene)?;
@@ -50,7 +55,7 @@ fn run(workshop: &Workshop) -> Result<Findings, Failure> {
                 format!("{:.2}", r.variance / mis.variance),
                 format!("{:.2}", r.seconds),
                 format!("{:.2}", r.variance * r.seconds / (mis.variance * mis.seconds)),
-                verdict(&r.test).into(),
+                workshop.say([verdict(&r.test), if r.test.passes() { "accord" } else { "désaccord" }]).into(),
             ]);
             let one = json!({ "variance": r.variance, "seconds_per_million": r.seconds, "welch": of_test(&r.test) });
             object.insert(sampling.to_string(), one);
@@ -58,23 +63,43 @@ fn run(workshop: &Workshop) -> Result<Findings, Failure> {
         object.insert("bound_of_mis".into(), json!(bound));
         object.insert("mis_is_best".into(), json!(mis.variance <= best));
         numbers.insert(scene.into(), Value::Object(object));
-        out.proof(format!(
-            "{scene}: variance {:.4} by mis, {:.4} by light, {:.4} by bsdf; theory allows mis {bound:.4}, half of the \
-             second moment more than the better of the two.",
-            mis.variance, light.variance, bsdf.variance
-        ));
+        let [by_mis, by_light, by_bsdf] = [mis.variance, light.variance, bsdf.variance];
+        out.proof([
+            format!(
+                "{scene}: variance {by_mis:.4} by mis, {by_light:.4} by light, {by_bsdf:.4} by bsdf; theory allows mis {bound:.4}, half \
+                 of the second moment more than the better of the two."
+            ),
+            format!(
+                "{scene} : variance {by_mis:.4} par mis, {by_light:.4} par light, {by_bsdf:.4} par bsdf ; la théorie accorde {bound:.4} \
+                 à mis, soit la moitié du second moment de plus que le meilleur des deux."
+            ),
+        ]);
     }
     out.formula(r"\sigma^2_{mis}\le\min(\sigma^2_{light},\sigma^2_{bsdf})+\tfrac12\mu^2");
-    out.text(
-        "The bound is that of Veach (1997, theorem 9.2) for the balance heuristic with one sample of each of two \
+    out.text([
+        "The bound is that of Veach (1997, second theorem of chapter 9) for the balance heuristic with one sample of each of two \
          kinds, and holds for the power heuristic with β = 2 too: Σ w²/p = (p₁³ + p₂³)/(p₁² + p₂²)² is nowhere above \
          1/p₁ or 1/p₂. It holds at every point; over a pixel μ² is its mean square, which its squared mean and any of \
          the variances bound together.",
-    );
+        "La borne est celle de Veach (1997, second théorème du chapitre 9) pour l'heuristique de la balance avec un échantillon de \
+         chacune des deux sortes ; elle vaut aussi pour l'heuristique de puissance avec β = 2 : Σ w²/p = (p₁³ + p₂³)/(p₁² + p₂²)² ne \
+         dépasse nulle part 1/p₁ ni 1/p₂. Elle vaut en chaque point ; sur un pixel, μ² est la moyenne de son carré, que le carré de la \
+         moyenne et n'importe laquelle des variances bornent ensemble.",
+    ]);
     out.table(
         "direct-errors",
-        "Variance of one sample, alone and times its cost, and agreement",
-        &["sampling", "variance", "÷ mis", "s per M samples", "× time, ÷ mis", "agreement with path"],
+        [
+            "Variance of one sample, alone and times its cost, and agreement",
+            "Variance d'un échantillon, seule et fois son coût, et accord",
+        ],
+        &[
+            ["sampling", "échantillonnage"],
+            ["variance", "variance"],
+            ["÷ mis", "÷ mis"],
+            ["s per M samples", "s par M d'échantillons"],
+            ["× time, ÷ mis", "× temps, ÷ mis"],
+            ["agreement with path", "accord avec path"],
+        ],
         rows,
     );
     out.number("scenes", numbers);
@@ -88,7 +113,7 @@ fn errors(workshop: &Workshop, scene: &str) -> Result<Vec<Row>, Failure> {
     let dark = dark(workshop, &stage)?;
     // Small pictures, so that each pixel can have many samples.
     let small = workshop.stage(scene, [24, 16])?;
-    let many = workshop.pick([256, 16_384, 32_768]);
+    let many = workshop.pick([256, 8192, 32_768]);
     // Few samples find the smallest lamps by chance: only all pixels together have enough to be judged by.
     let (block, level) = (workshop.pick([24, 24, 8]), 0.01 / (3 * SAMPLINGS.len()) as f64);
     let path = Means::of(&workshop.film(&small, &Shot::new("path:max_depth=2", many).independent(300))?.0);

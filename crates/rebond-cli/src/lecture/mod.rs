@@ -3,27 +3,31 @@
 //! A section is one file: what it shows, as a [`Section`] in [`SECTIONS`], and a function that makes its [`Findings`].
 
 mod ambient_occlusion;
+mod book;
 mod both_ends;
 mod camera;
 mod direct;
 mod direct_errors;
+mod language;
 mod materials;
 mod monte_carlo;
 mod page;
 mod path_tracing;
+mod photons;
 mod radiosity;
 mod workshop;
 
 pub use workshop::png;
 
 use crate::Failure;
-use crate::output::{answer, make_folder, note, write_bytes, write_text};
+use crate::output::{answer, make_folder, note, write_bytes};
 use crate::progress::catch_interrupt;
 use clap::Args;
+use language::Language;
 use page::{Chapter, Findings};
 use rebond_io::deserialize::nearest;
 use serde_json::{Map, Value, json};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 use workshop::Workshop;
 
@@ -31,9 +35,12 @@ use workshop::Workshop;
 struct Section {
     /// Its name on the command line.
     name: &'static str,
-    title: &'static str,
+    /// In English and in French.
+    title: [&'static str; 2],
     /// What it makes, in a few words.
     makes: &'static str,
+    /// The files that it is about.
+    sources: &'static [&'static str],
     run: fn(&Workshop) -> Result<Findings, Failure>,
 }
 
@@ -48,6 +55,7 @@ const SECTIONS: &[Section] = &[
     path_tracing::SECTION,
     camera::SECTION,
     both_ends::SECTION,
+    photons::SECTION,
 ];
 
 #[derive(Args)]
@@ -61,6 +69,9 @@ pub struct Arguments {
     /// Thumbnails in seconds, small pictures in minutes, or large ones of more samples.
     #[arg(long, value_enum, default_value_t = Quality::Quick)]
     quality: Quality,
+    /// Language of the page.
+    #[arg(long, value_enum, default_value_t)]
+    lang: Language,
     /// Seed of the sample values.
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -70,6 +81,9 @@ pub struct Arguments {
     /// Folder for the page (index.html), its pictures, drawings and numbers; made if there is none.
     #[arg(short, long, value_name = "DIR", default_value = "lecture")]
     output: PathBuf,
+    /// Folder for the same as Markdown, the chapters of a book that mdBook builds (docs/book.toml); made if there is none.
+    #[arg(long, value_name = "DIR")]
+    book: Option<PathBuf>,
     /// No progress and no notes.
     #[arg(long)]
     quiet: bool,
@@ -118,18 +132,24 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
         return list(&sections, a.json);
     }
     make_folder(&a.output)?;
+    a.book.as_deref().map_or(Ok(()), make_folder)?;
     catch_interrupt();
     let threads = a.threads.map_or_else(|| std::thread::available_parallelism().map_or(1, |n| n.get()), usize::from);
-    let workshop = Workshop::new(a.quality, a.seed, threads, a.quiet);
+    let workshop = Workshop::new(a.quality, a.lang, a.seed, threads, a.quiet);
     let (mut chapters, mut numbers, mut outcome) = (Vec::new(), Map::new(), Ok(()));
     for section in sections {
         let start = Instant::now();
         match (section.run)(&workshop) {
             Ok(mut findings) => {
-                findings.number("seconds", start.elapsed().as_secs_f64());
+                let seconds = start.elapsed().as_secs_f64();
+                findings.number("seconds", seconds);
+                if !a.quiet {
+                    note(&format!("{}: {seconds:.1} s", section.name));
+                }
                 numbers.insert(section.name.into(), Value::Object(findings.numbers.clone()));
                 let command = workshop.command_of(section.name);
-                chapters.push(Chapter { name: section.name, title: section.title, command, findings });
+                let (name, title, sources) = (section.name, a.lang.say(section.title), section.sources);
+                chapters.push(Chapter { name, title, command, sources, findings });
             }
             // What is done by then is still written.
             Err(Failure::Interrupted) => {
@@ -145,7 +165,7 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
     }
     let mut numbers = json!({ "quality": a.quality.name(), "seed": a.seed, "threads": threads,
         "dropped_samples": dropped, "sections": numbers });
-    let names = write(&a.output, &chapters, &numbers, &workshop)?;
+    let names = write(a, &chapters, &numbers, &workshop.made())?;
     if a.json {
         numbers["outputs"] = json!(names);
         answer(&numbers.to_string())?;
@@ -158,26 +178,30 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
 
 fn list(sections: &[&Section], as_json: bool) -> Result<(), Failure> {
     if as_json {
-        let one = |s: &&Section| json!({ "name": s.name, "title": s.title, "makes": s.makes });
+        let one = |s: &&Section| json!({ "name": s.name, "title": s.title[0], "makes": s.makes });
         return answer(&Value::from(sections.iter().map(one).collect::<Vec<_>>()).to_string());
     }
     sections.iter().try_for_each(|s| answer(&format!("{:<18} {}", s.name, s.makes)))
 }
 
-/// Writes the page and what lies beside it; returns the names.
-fn write(folder: &Path, chapters: &[Chapter], numbers: &Value, workshop: &Workshop) -> Result<Vec<String>, Failure> {
-    let page = folder.join("index.html");
-    write_text(&page, &page::html(chapters, &workshop.made()))?;
-    let data = folder.join("numbers.json");
-    write_text(&data, &format!("{numbers:#}\n"))?;
-    let mut names = vec![page.display().to_string(), data.display().to_string()];
-    for (name, bytes) in chapters.iter().flat_map(|c| c.findings.files()) {
-        let path = folder.join(name);
-        let shown = path.display().to_string();
-        write_bytes(&path, &bytes).map_err(|e| Failure::Run(format!("cannot write \"{shown}\": {e}")))?;
-        names.push(shown);
+/// Writes the page and what lies beside it, and the book if it is asked for; returns the names.
+fn write(a: &Arguments, chapters: &[Chapter], numbers: &Value, made: &str) -> Result<Vec<String>, Failure> {
+    let beside: Vec<(String, Vec<u8>)> = chapters.iter().flat_map(|c| c.findings.files()).collect();
+    let mut files = vec![
+        (a.output.join("index.html"), page::html(chapters, made, a.lang).into_bytes()),
+        (a.output.join("numbers.json"), format!("{numbers:#}\n").into_bytes()),
+    ];
+    if let Some(book) = &a.book {
+        let texts = book::files(chapters, made, a.lang);
+        files.extend(texts.into_iter().map(|(name, text)| (book.join(name), text.into_bytes())));
+        let pictures = beside.iter().filter(|(name, _)| !name.ends_with(".csv"));
+        files.extend(pictures.map(|(name, bytes)| (book.join(name), bytes.clone())));
     }
-    Ok(names)
+    files.extend(beside.into_iter().map(|(name, bytes)| (a.output.join(name), bytes)));
+    for (path, bytes) in &files {
+        write_bytes(path, bytes).map_err(|e| Failure::Run(format!("cannot write \"{}\": {e}", path.display())))?;
+    }
+    Ok(files.iter().map(|(path, _)| path.display().to_string()).collect())
 }
 
 #[cfg(test)]
@@ -191,7 +215,11 @@ mod tests {
         for section in SECTIONS {
             let found = chosen(&[section.name.to_owned()]).ok().expect(section.name);
             assert_eq!(found.iter().map(|s| s.name).collect::<Vec<_>>(), [section.name]);
-            assert!(!section.makes.is_empty());
+            assert!(!section.makes.is_empty() && section.title[0] != section.title[1]);
+            // What it says that it is about is there.
+            let workspace = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+            assert!(!section.sources.is_empty());
+            assert!(section.sources.iter().all(|file| workspace.join(file).exists()), "{}", section.name);
         }
     }
 }

@@ -12,14 +12,16 @@ use serde_json::json;
 
 pub const SECTION: Section = Section {
     name: "monte-carlo",
-    title: "Monte Carlo",
+    title: ["Monte Carlo", "Monte-Carlo"],
     makes: "an integral of one variable by four kinds of samples: error against N, slopes, convergence",
+    sources: &["crates/rebond/src/transport/estimator.rs", "crates/rebond/src/sampling/sampler.rs"],
     run,
 };
 
 /// A way to draw samples.
 struct Method {
-    name: &'static str,
+    /// In English, for programs too, and in French.
+    name: [&'static str; 2],
     settings: fn(u32) -> SamplerSettings,
     warp: fn(f64) -> Drawn<f64>,
     /// The variance of an estimate of N samples, by theory.
@@ -31,25 +33,25 @@ fn methods() -> [Method; 4] {
     let uniform = quarter_disk::uniform;
     [
         Method {
-            name: "uniform",
+            name: ["uniform", "uniforme"],
             settings: independent,
             warp: uniform,
             variance: |n| quarter_disk::variance_uniform() / f64::from(n),
         },
         Method {
-            name: "importance",
+            name: ["importance", "préférentiel"],
             settings: independent,
             warp: quarter_disk::importance,
             variance: |n| quarter_disk::variance_importance() / f64::from(n),
         },
         Method {
-            name: "stratified",
+            name: ["stratified", "stratifié"],
             settings: |samples| SamplerSettings::Stratified { samples },
             warp: uniform,
             variance: variance_stratified,
         },
         Method {
-            name: "Owen-Sobol",
+            name: ["Owen-Sobol"; 2],
             settings: |_| SamplerSettings::Sobol {},
             warp: uniform,
             variance: variance_stratified,
@@ -79,15 +81,19 @@ impl Method {
 const POWERS: std::ops::RangeInclusive<u32> = 2..=12;
 
 fn run(workshop: &Workshop) -> Result<Findings, Failure> {
-    let mut out = Findings::default();
+    let mut out = workshop.findings();
     out.formula(r"\int_0^1 f(x)\,dx \approx \frac{1}{N}\sum_{i=1}^{N}\frac{f(X_i)}{p(X_i)}");
     out.formula(r"f(x)=\sqrt{1-x^2},\qquad \int_0^1 f(x)\,dx=\frac{\pi}{4}\approx 0.785398");
-    out.text(
+    out.text([
         "An estimator is three choices: the density p, the numbers from which the X are drawn, and the integrand. \
          Below, X is uniform with independent numbers; uniform with one number in each of N strata; uniform with \
          Owen-scrambled Sobol points; and drawn with independent numbers from p(x) = 6/5 (1 − x²/2), which is nearly \
          proportional to f.",
-    );
+        "Un estimateur est fait de trois choix : la densité p, les nombres dont on tire les X, et l'intégrande. Ci-dessous, X est \
+         uniforme avec des nombres indépendants ; uniforme avec un nombre dans chacune de N strates (échantillonnage stratifié) ; \
+         uniforme avec les points de Sobol brouillés par Owen ; et tiré avec des nombres indépendants de p(x) = 6/5 (1 − x²/2), presque \
+         proportionnelle à f (échantillonnage préférentiel, ou par importance).",
+    ]);
     errors(workshop, &mut out);
     running(workshop, &mut out);
     Ok(out)
@@ -111,52 +117,78 @@ fn errors(workshop: &Workshop, out: &mut Findings) {
         let theory: Vec<[f64; 2]> = POWERS.map(|k| [f64::from(1 << k), (method.variance)(1 << k).sqrt()]).collect();
         let (slope, expected) = (log_log_slope(&points), log_log_slope(&theory));
         let error = slope_error(&points, repeats);
-        slopes.insert(method.name.into(), json!({ "theory": expected, "measured": slope, "standard_error": error }));
+        slopes.insert(method.name[0].into(), json!({ "theory": expected, "measured": slope, "standard_error": error }));
         let last = |points: &[[f64; 2]]| points.last().map_or("–".into(), |p| format!("{:.3e}", p[1]));
+        let name = workshop.say(method.name);
         rows.push(vec![
-            method.name.into(),
+            name.into(),
             minus(format!("{expected:.3}")),
             minus(format!("{slope:.3} ± {error:.3}")),
             minus(last(&theory)),
             minus(last(&points)),
         ]);
         curves.push(Curve {
-            name: format!("{}: theory", method.name),
+            name: workshop.say([format!("{name}: theory"), format!("{name} : théorie")]),
             mark: Mark::Dashes,
             color: GREY,
             points: theory,
         });
-        let name = minus(format!("{}: slope {slope:.2}", method.name));
+        let name = minus(workshop.say([format!("{name}: slope {slope:.2}"), format!("{name} : pente {slope:.2}")]));
         curves.push(Curve { name, mark: Mark::LineAndDots, color, points });
     }
-    let of = |k: usize| format!("{} {} (theory {})", rows[k][0], rows[k][2], rows[k][1]);
-    out.proof(format!("Slope of log error over log N: {}; {}; {}; {}.", of(0), of(1), of(2), of(3)));
+    let theory = workshop.say(["theory", "théorie"]);
+    let of = |row: &Vec<String>| format!("{} {} ({theory} {})", row[0], row[2], row[1]);
+    let all: Vec<String> = rows.iter().map(of).collect();
+    out.proof([
+        format!("Slope of log error over log N: {}.", all.join("; ")),
+        format!("Pente du log de l'erreur selon log N : {}.", all.join(" ; ")),
+    ]);
     out.plot(
         "monte-carlo-error",
         Chart {
-            title: format!("RMS error of {repeats} estimates against the number of samples"),
-            x: Axis { label: "samples N", log: true, range: None },
-            y: Axis { label: "RMS error", log: true, range: None },
+            title: workshop.say([
+                format!("RMS error of {repeats} estimates against the number of samples"),
+                format!("Erreur quadratique moyenne de {repeats} estimations selon le nombre d'échantillons"),
+            ]),
+            x: Axis { label: workshop.say(["samples N", "échantillons N"]), log: true, range: None },
+            y: Axis { label: workshop.say(["RMS error", "racine de l'erreur quadratique"]), log: true, range: None },
             bands: vec![],
             curves,
             legend: Legend::LowerLeft,
         },
-        "Four falling lines: uniform and importance sampling along the dashed σ/√N, stratified and Owen-Sobol much \
-         steeper",
+        [
+            "Four falling lines: uniform and importance sampling along the dashed σ/√N, stratified and Owen-Sobol much \
+             steeper",
+            "Quatre lignes qui descendent : uniforme et préférentiel le long de σ/√N en tirets, stratifié et Owen-Sobol bien plus \
+             raides",
+        ],
     );
     out.table(
         "monte-carlo-slopes",
-        "Fitted slopes ± one standard error, and the RMS error of 4096 samples",
-        &["samples", "slope, theory", "slope, measured", "error at 4096, theory", "error at 4096, measured"],
+        [
+            "Fitted slopes ± one standard error, and the RMS error of 4096 samples",
+            "Pentes ajustées ± une erreur type, et racine de l'erreur quadratique de 4096 échantillons",
+        ],
+        &[
+            ["samples", "échantillons"],
+            ["slope, theory", "pente, théorie"],
+            ["slope, measured", "pente, mesurée"],
+            ["error at 4096, theory", "erreur à 4096, théorie"],
+            ["error at 4096, measured", "erreur à 4096, mesurée"],
+        ],
         rows,
     );
-    out.text(
+    out.text([
         "The theory of strata is exact: the variances within all of them, summed. It falls a little more slowly than \
          N^(−3/2), since f has an infinite slope at 1. Importance sampling divides the error by a factor; only how \
          the numbers are spread changes the slope. In one dimension the first 2ᵏ Owen-scrambled Sobol points are \
          jittered strata: the two lines are one. They part where there are more dimensions, and where N is not known \
          beforehand.",
-    );
+        "La théorie des strates est exacte : la somme des variances dans chacune. Elle décroît un peu moins vite que N^(−3/2), car f a \
+         une pente infinie en 1. L'échantillonnage préférentiel divise l'erreur par un facteur ; seule la répartition des nombres change \
+         la pente. En une dimension, les 2ᵏ premiers points de Sobol brouillés par Owen sont des strates : les deux lignes n'en font \
+         qu'une. Elles se séparent quand il y a plus de dimensions, ou quand N n'est pas connu d'avance.",
+    ]);
     out.number("slopes", slopes);
     out.number("repeats", repeats);
 }
@@ -193,20 +225,25 @@ fn running(workshop: &Workshop, out: &mut Findings) {
             let [low, high] = so_far.confidence_interval(0.99);
             out.number("mean", so_far.mean());
             out.number("confidence_99", json!([low, high]));
-            out.proof(format!(
-                "{n} uniform samples: {:.5}, 99 % confidence interval [{low:.5}, {high:.5}]; π/4 = {:.5}. Variance of \
-                 one sample: measured {:.5}, theory 2/3 − π²/16 = {:.5}.",
-                so_far.mean(),
-                quarter_disk::VALUE,
-                so_far.variance(),
-                quarter_disk::variance_uniform()
-            ));
+            let (mean, value, variance) = (so_far.mean(), quarter_disk::VALUE, so_far.variance());
+            let by_theory = quarter_disk::variance_uniform();
+            out.proof([
+                format!(
+                    "{n} uniform samples: {mean:.5}, 99 % confidence interval [{low:.5}, {high:.5}]; π/4 = {value:.5}. Variance of one \
+                     sample: measured {variance:.5}, theory 2/3 − π²/16 = {by_theory:.5}."
+                ),
+                format!(
+                    "{n} échantillons uniformes : {mean:.5}, intervalle de confiance à 99 % [{low:.5} ; {high:.5}] ; π/4 = {value:.5}. \
+                     Variance d'un échantillon : mesurée {variance:.5}, en théorie 2/3 − π²/16 = {by_theory:.5}."
+                ),
+            ]);
             out.number(
                 "variance",
                 json!({ "theory": quarter_disk::variance_uniform(), "measured": so_far.variance() }),
             );
         }
-        curves.push(Curve { name: format!("run {}", run + 1), mark: Mark::Line, color: run as usize, points });
+        let name = format!("{} {}", workshop.say(["run", "essai"]), run + 1);
+        curves.push(Curve { name, mark: Mark::Line, color: run as usize, points });
     }
     let value = quarter_disk::VALUE;
     let band = |times: f64| {
@@ -218,9 +255,22 @@ fn running(workshop: &Workshop, out: &mut Findings) {
     out.plot(
         "monte-carlo-convergence",
         Chart {
-            title: "Three estimates as they grow, uniform samples".into(),
-            x: Axis { label: "samples N", log: true, range: Some([1.0, f64::from(n)]) },
-            y: Axis { label: "estimate", log: false, range: Some([value - 0.4, value + 0.4]) },
+            title: workshop
+                .say([
+                    "Three estimates as they grow, uniform samples",
+                    "Trois estimations en cours, échantillons uniformes",
+                ])
+                .into(),
+            x: Axis {
+                label: workshop.say(["samples N", "échantillons N"]),
+                log: true,
+                range: Some([1.0, f64::from(n)]),
+            },
+            y: Axis {
+                label: workshop.say(["estimate", "estimation"]),
+                log: false,
+                range: Some([value - 0.4, value + 0.4]),
+            },
             bands: vec![
                 Band { name: "π/4 ± 2σ/√N".into(), color: GREY, points: band(2.0) },
                 Band { name: "π/4 ± σ/√N".into(), color: GREY, points: band(1.0) },
@@ -228,6 +278,9 @@ fn running(workshop: &Workshop, out: &mut Findings) {
             curves,
             legend: Legend::UpperRight,
         },
-        "Three wavering lines that draw near π/4 within a band of width σ/√N",
+        [
+            "Three wavering lines that draw near π/4 within a band of width σ/√N",
+            "Trois lignes hésitantes qui s'approchent de π/4 dans une bande de largeur σ/√N",
+        ],
     );
 }

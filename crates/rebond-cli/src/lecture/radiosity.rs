@@ -12,8 +12,9 @@ use std::time::Instant;
 
 pub const SECTION: Section = Section {
     name: "radiosity",
-    title: "Radiosity",
+    title: ["Radiosity", "Radiosité"],
     makes: "the Cornell box by patches, flat and smooth, beside paths; relit by one product",
+    sources: &["crates/rebond/src/integrators/radiosity", "crates/rebond/src/transport/form_factor.rs"],
     run,
 };
 
@@ -23,13 +24,16 @@ const WHITE: &str = "emission = [18.387, 13.9873, 6.75357]";
 const BLUE: [f32; 3] = [2.0, 8.0, 20.0];
 
 fn run(workshop: &Workshop) -> Result<Findings, Failure> {
-    let mut out = Findings::default();
+    let mut out = workshop.findings();
     out.formula(r"L=L_e+TL \quad\Rightarrow\quad L=(I-T)^{-1}L_e");
     out.formula(r"T_{xi}=\rho_x\,V(x\to i)\,\frac{\cos\theta_i\cos\theta_{x\to i}A_i}{\pi d^2}");
-    out.text(
+    out.text([
         "All surfaces are diffuse and cut into patches, each of one radiance. The system is solved once; the solution lies on the \
          surfaces, so that any view of it is free. Flat, the patches show; smooth, light is interpolated between their corners.",
-    );
+        "Toutes les surfaces sont diffuses et découpées en éléments, chacun d'une seule radiance. Le système est résolu une fois ; la \
+         solution repose sur les surfaces, si bien que toute vue en est gratuite. Sans interpolation, on voit les éléments ; avec, la \
+         lumière est interpolée entre leurs coins.",
+    ]);
     views(workshop, &mut out)?;
     relit(workshop, &mut out)?;
     Ok(out)
@@ -44,23 +48,42 @@ fn views(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
         &stage,
         &flat,
         samples,
-        ["radiosity-flat", &format!("{patches} patches, flat"), "The Cornell box in triangles of one colour each"],
+        "radiosity-flat",
+        [format!("{patches} patches, flat"), format!("{patches} éléments, sans interpolation")],
+        [
+            "The Cornell box in triangles of one colour each",
+            "La boîte de Cornell en triangles d'une seule couleur chacun",
+        ],
     )?;
     let (smooth, by_patches) = workshop.shot(
         &stage,
         &smooth,
         samples,
-        ["radiosity-smooth", "smooth", "The Cornell box, its light interpolated between corners of patches"],
+        "radiosity-smooth",
+        ["smooth", "avec interpolation"],
+        [
+            "The Cornell box, its light interpolated between corners of patches",
+            "La boîte de Cornell, sa lumière interpolée entre les coins des éléments",
+        ],
     )?;
     let (paths, by_paths) = workshop.shot(
         &stage,
         "path",
         workshop.pick([16, 64, 512]),
-        ["radiosity-path", "path tracing, for comparison", "The Cornell box by path tracing, with a little noise"],
+        "radiosity-path",
+        ["path tracing, for comparison", "tracé de chemins, pour comparer"],
+        [
+            "The Cornell box by path tracing, with a little noise",
+            "La boîte de Cornell par tracé de chemins, avec un peu de bruit",
+        ],
     )?;
     out.pictures(vec![flat, smooth, paths]);
     let ratio = by_patches.mean()[1] / by_paths.mean()[1];
-    out.proof(format!("Its light is {:.2} % of that of path tracing, which knows no patches.", 100.0 * ratio));
+    let percent = 100.0 * ratio;
+    out.proof([
+        format!("Its light is {percent:.2} % of that of path tracing, which knows no patches."),
+        format!("Sa lumière est {percent:.2} % de celle du tracé de chemins, qui ne connaît pas d'éléments."),
+    ]);
     out.number("over_path", ratio);
     Ok(())
 }
@@ -85,7 +108,7 @@ fn solved(workshop: &Workshop, emission: Option<[f32; 3]>, patches: u32, solver:
 
 /// The inverse once, another lamp by one product: the same as solving again.
 fn relit(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
-    out.heading("Another lamp, by one product");
+    out.heading(["Another lamp, by one product", "Une autre lampe, par un seul produit"]);
     out.formula(r"L'=(I-T)^{-1}L_e'");
     let patches = workshop.pick([200, 1000, 2000]);
     let start = Instant::now();
@@ -100,19 +123,31 @@ fn relit(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
     let both = solution.radiance.iter().flatten().zip(again.radiance.iter().flatten());
     let (most, off) = both.fold((0.0_f32, 0.0_f32), |(most, off), (a, b)| (most.max(*b), off.max((a - b).abs())));
     let off = f64::from(off / most);
-    out.text(format!(
-        "With (I − T)⁻¹ at hand the lamp may change: {patches} patches took {first:.2} s to cut, to see each other and to invert, \
-         and {:.1} ms to relight in blue.",
-        1e3 * product
-    ));
-    out.proof(format!(
-        "Against a solution made anew under the blue lamp, by Gauss and Seidel, no patch is off by more than {off:.1e} of the brightest."
-    ));
-    out.text(format!(
-        "By hand: rebond radiosity cornell-box --patches {patches} --solver inverse -o box.safetensors, then rebond radiosity \
-         cornell-box --load box.safetensors --relight {LAMP}={},{},{}",
-        BLUE[0], BLUE[1], BLUE[2]
-    ));
+    let microseconds = 1e6 * product;
+    out.text([
+        format!(
+            "With (I − T)⁻¹ at hand the lamp may change: {patches} patches took {first:.2} s to cut, to see each other and to invert, \
+             and {microseconds:.0} µs to relight in blue."
+        ),
+        format!(
+            "Une fois (I − T)⁻¹ connue, la lampe peut changer : il a fallu {first:.2} s pour découper {patches} éléments, calculer qui \
+             voit qui et inverser, puis {microseconds:.0} µs pour rééclairer en bleu."
+        ),
+    ]);
+    out.proof([
+        format!(
+            "Against a solution made anew under the blue lamp, by Gauss and Seidel, no patch is off by more than {off:.1e} of the \
+             brightest."
+        ),
+        format!(
+            "Par rapport à une solution refaite sous la lampe bleue, par Gauss et Seidel, aucun élément ne s'écarte de plus de {off:.1e} \
+             fois le plus clair."
+        ),
+    ]);
+    let [r, g, b] = BLUE;
+    let solve = format!("rebond radiosity cornell-box --patches {patches} --solver inverse -o box.safetensors");
+    let relight = format!("rebond radiosity cornell-box --load box.safetensors --relight {LAMP}={r},{g},{b}");
+    out.text([format!("By hand: `{solve}`, then `{relight}`."), format!("À la main : `{solve}`, puis `{relight}`.")]);
     out.number("relight", json!({ "seconds": product, "solve_seconds": first, "largest_difference": off }));
     Ok(())
 }

@@ -1,7 +1,8 @@
 //! What sections work with: scenes that are built once, renders of them, and the commands that make the same.
 
 use super::Quality;
-use super::page::Picture;
+use super::language::Language;
+use super::page::{Findings, Picture};
 use crate::Failure;
 use crate::progress::{Progress, is_interrupted};
 use rebond::film::{Film, Image};
@@ -16,6 +17,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// How to work.
 pub struct Workshop {
     quality: Quality,
+    language: Language,
     seed: u64,
     threads: usize,
     quiet: bool,
@@ -72,8 +74,18 @@ impl Stage {
 }
 
 impl Workshop {
-    pub fn new(quality: Quality, seed: u64, threads: usize, quiet: bool) -> Self {
-        Self { quality, seed, threads, quiet, dropped: AtomicU64::new(0) }
+    pub fn new(quality: Quality, language: Language, seed: u64, threads: usize, quiet: bool) -> Self {
+        Self { quality, language, seed, threads, quiet, dropped: AtomicU64::new(0) }
+    }
+
+    /// What a section begins with.
+    pub fn findings(&self) -> Findings {
+        Findings::new(self.language)
+    }
+
+    /// Words in the page's language, of English and French ones.
+    pub fn say<T>(&self, words: [T; 2]) -> T {
+        self.language.say(words)
     }
 
     /// One of these: for a draft, for a quick page, or for a full one.
@@ -97,17 +109,20 @@ impl Workshop {
     /// What makes one section alone.
     pub fn command_of(&self, section: &str) -> String {
         let seed = if self.seed == 0 { String::new() } else { format!(" --seed {}", self.seed) };
-        format!("rebond lecture --only {section} --quality {}{seed}", self.quality.name())
+        let language = self.say(["", " --lang fr"]);
+        format!("rebond lecture --only {section} --quality {}{seed}{language}", self.quality.name())
     }
 
     /// How the page was made.
     pub fn made(&self) -> String {
-        format!(
-            "Every picture and number below was computed by rebond {} (quality {}, seed {}).",
-            env!("CARGO_PKG_VERSION"),
-            self.quality.name(),
-            self.seed
-        )
+        let (version, quality, seed) = (env!("CARGO_PKG_VERSION"), self.quality.name(), self.seed);
+        self.say([
+            format!("Every picture and number below was computed by rebond {version} (quality {quality}, seed {seed})."),
+            format!(
+                "Toutes les images et tous les nombres ci-dessous ont été calculés par rebond {version} (qualité {quality}, \
+                 graine {seed})."
+            ),
+        ])
     }
 
     /// A built-in scene.
@@ -139,7 +154,8 @@ impl Workshop {
             None => Region::whole(width, height),
             Some([x, y]) => Region { x, y, width: 1, height: 1, full_width: width },
         };
-        let mut film = Film::new(region.width, region.height);
+        let film = Film::try_new(region.width, region.height, &settings.own_layers());
+        let mut film = film.ok_or_else(|| Failure::Run("not enough memory for a picture".into()))?;
         let budget = Budget { samples: Some(shot.samples.len() as u32), ..Budget::default() };
         let progress = Progress::new(budget, region.pixels(), self.quiet);
         let (first, threads) = (shot.samples.start, self.threads);
@@ -149,30 +165,32 @@ impl Workshop {
         if statistics.interrupted || is_interrupted() { Err(Failure::Interrupted) } else { Ok((film, statistics)) }
     }
 
-    /// A picture by its command, and its film: name, caption and alternative text are given.
-    pub fn shot(
+    /// A picture by its command, and its film.
+    pub fn shot<T: Into<String>, U: Into<String>>(
         &self,
         stage: &Stage,
         integrator: &str,
         samples: u32,
-        [name, caption, alt]: [&str; 3],
+        name: &str,
+        caption: [T; 2],
+        alt: [U; 2],
     ) -> Result<(Picture, Film), Failure> {
         // What a lamp sends is bright.
         let exposure = if integrator.ends_with("factor=le") { -3.0 } else { 0.0 };
         let shot = Shot { exposure, ..Shot::new(integrator, samples) };
         let (film, _) = self.film(stage, &shot)?;
-        Ok((self.picture(stage, &shot, &film, name, caption.into(), alt.into())?, film))
+        Ok((self.picture(stage, &shot, &film, name, caption, alt)?, film))
     }
 
     /// A film as a picture, with the command that makes the same.
-    pub fn picture(
+    pub fn picture<T: Into<String>, U: Into<String>>(
         &self,
         stage: &Stage,
         shot: &Shot,
         film: &Film,
         name: &str,
-        caption: String,
-        alt: String,
+        caption: [T; 2],
+        alt: [U; 2],
     ) -> Result<Picture, Failure> {
         let ([width, height], scene) = (stage.size(), &stage.source.name);
         let exposure = if shot.exposure == 0.0 { String::new() } else { format!(" --exposure {}", shot.exposure) };
@@ -186,6 +204,7 @@ impl Workshop {
         );
         let plain = shot.sampler.is_none() && shot.samples.start == 0 && shot.pixel.is_none();
         let png = png(&film.develop(), shot.exposure)?;
+        let (caption, alt) = (self.say(caption).into(), self.say(alt).into());
         Ok(Picture { name: name.into(), png, alt, caption, command: plain.then_some(command) })
     }
 }

@@ -3,6 +3,7 @@
 `make test-pages` installs what this needs (requirements.txt) and runs it; Chromium must be there.
 """
 
+import io
 import json
 import math
 import os
@@ -16,6 +17,7 @@ from pathlib import Path
 import flip_evaluator
 import numpy as np
 import OpenEXR
+from PIL import Image
 from playwright.sync_api import sync_playwright
 
 REBOND = os.environ["REBOND"]
@@ -67,19 +69,9 @@ class Pages(unittest.TestCase):
         return page
 
     def pixels(self, page, selector):
-        """What a screen shows of an element: R, G, B of each pixel, by a canvas of the page itself."""
+        """What a screen shows of an element: R, G, B of each pixel."""
         png = page.locator(selector).first.screenshot()
-        values = page.evaluate(
-            """async (bytes) => {
-                const image = await createImageBitmap(new Blob([new Uint8Array(bytes)]));
-                const canvas = new OffscreenCanvas(image.width, image.height), context = canvas.getContext("2d");
-                context.drawImage(image, 0, 0);
-                return [image.width, image.height, [...context.getImageData(0, 0, image.width, image.height).data]];
-            }""",
-            list(png),
-        )
-        width, height, data = values
-        return np.array(data, np.uint8).reshape(height, width, 4)[..., :3].astype(int)
+        return np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)
 
     def test_all_images_load(self):
         for name in ["compare", "lecture"]:

@@ -1,6 +1,7 @@
 //! Sensors, films, filters, samplers and integrators.
 
 use super::{Importer, Object, Result};
+use glam::{DMat4, DVec3};
 use rebond::film::FilterSettings;
 use rebond::integrators::{DirectSettings, IntegratorSettings, LightSettings, PathSettings};
 use rebond::sampling::SamplerSettings;
@@ -10,6 +11,9 @@ use std::rc::Rc;
 
 /// Diagonal of a frame of 35 mm film, mm.
 const DIAGONAL: f64 = 43.266_615_305_567_87;
+
+/// The distance before which nothing is seen, unless told otherwise.
+const NEAR: f64 = 0.01;
 
 impl Importer {
     /// The camera, its film and its sampler.
@@ -59,7 +63,9 @@ impl Importer {
                 }
             }
             "orthographic" => {
-                self.near_and_far(o)?;
+                let near = f64::from(self.near_and_far(o)?);
+                // Rays begin there.
+                let to_world = crate::import::steps(m * DMat4::from_translation(DVec3::Z * near));
                 CameraDescription::Orthographic { to_world, shutter_open, shutter_close }
             }
             _ => {
@@ -119,7 +125,7 @@ impl Importer {
         if let Some(p) = o.get("far_clip") {
             self.warn(&p.at, "\"far_clip\" is not heeded: what is farther off is seen too");
         }
-        Ok(self.number(o, "near_clip")?.unwrap_or(0.0) as f32)
+        self.number_or(o, "near_clip", NEAR)
     }
 
     fn film(&mut self, o: &Rc<Object>) -> Result<[u32; 2]> {
@@ -216,6 +222,16 @@ impl Importer {
                     [(inner, at)] => self.within(inner, at, |me| me.integrator(inner)),
                     _ => Err(self.error(&o.at, "a \"moment\" has one integrator within")),
                 };
+            }
+            "aov" => {
+                let inner = self.children(o, &["integrator"])?;
+                let Some((inner, at)) = inner.first() else {
+                    return self.unsupported(&o.at, "an \"aov\" without an integrator within: path is");
+                };
+                self.passed_over(o, &["aovs", "img"]);
+                self.warn(&o.at, "of an \"aov\" only the picture of the integrator within is rendered");
+                self.finish(o)?;
+                return self.within(inner, at, |me| me.integrator(inner));
             }
             _ => return self.unknown_plugin(o),
         };

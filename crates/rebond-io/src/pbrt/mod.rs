@@ -14,6 +14,7 @@
 mod materials;
 mod parse;
 mod shapes;
+mod textures;
 
 use crate::error::Error;
 use crate::import::{Assets, ImportOptions, Imported, Places, Report, steps};
@@ -29,6 +30,7 @@ use rebond::scene::description::{
     Transform,
 };
 use std::collections::BTreeMap;
+use std::f64::consts::PI;
 use std::io::Read;
 use std::num::NonZeroU32;
 use std::path::Path;
@@ -55,6 +57,8 @@ pub fn read_pbrt(text: &str, file: &str, folder: &Path, options: ImportOptions) 
         stack: Vec::new(),
         systems: BTreeMap::new(),
         textures: BTreeMap::new(),
+        made: BTreeMap::new(),
+        numbers: 0,
         group: None,
         camera: None,
         materials: 0,
@@ -127,7 +131,12 @@ struct Importer<'a> {
     state: State,
     stack: Vec<(State, Spot)>,
     systems: BTreeMap<String, DMat4>,
-    textures: BTreeMap<String, materials::Known>,
+    /// By whether they are of numbers, not of colours, and by name.
+    textures: BTreeMap<(bool, String), textures::Known>,
+    /// Images made of others, by what they are.
+    made: BTreeMap<String, String>,
+    /// Numbers in them.
+    numbers: usize,
     /// The object that is being defined: its name, and its shapes.
     group: Option<(String, Vec<ShapeDescription>)>,
     camera: Option<(String, Parameters, Spot, DMat4)>,
@@ -205,22 +214,14 @@ impl Importer<'_> {
         }
     }
 
-    /// Where a file is: in the folder of the file that names it, or the scene's.
+    /// Where a file is: in the scene's folder, whichever file names it.
     fn find(&self, name: &str, at: Spot) -> Result<String> {
-        let within =
-            if self.words.folder().is_empty() { name.to_string() } else { format!("{}/{name}", self.words.folder()) };
-        let file = if self.assets.folder().join(&within).is_file() { within } else { name.to_string() };
-        self.assets.path(&file).map_err(|m| self.error(at, m))?;
-        Ok(file)
+        self.assets.path(name).map_err(|m| self.error(at, m))?;
+        Ok(name.to_string())
     }
 
     fn run(&mut self) -> Result<()> {
-        while let Some((word, at)) = self.words.next()? {
-            match word {
-                Word::Bare(directive) => self.directive(&directive, at)?,
-                _ => return Err(self.error(at, "expected a directive such as Shape")),
-            }
-        }
+        while self.step()? {}
         if let Some((_, at)) = self.stack.last() {
             return Err(self.error(*at, "this does not end"));
         }
@@ -228,6 +229,15 @@ impl Importer<'_> {
             return self.words.fail("ObjectBegin without ObjectEnd");
         }
         self.finish_camera()
+    }
+
+    /// The next directive, if there is one.
+    fn step(&mut self) -> Result<bool> {
+        match self.words.next()? {
+            Some((Word::Bare(directive), at)) => self.directive(&directive, at).map(|()| true),
+            Some((_, at)) => Err(self.error(at, "expected a directive such as Shape")),
+            None => Ok(false),
+        }
     }
 
     fn directive(&mut self, directive: &str, at: Spot) -> Result<()> {
@@ -259,6 +269,10 @@ impl Importer<'_> {
             }
             "Transform" | "ConcatTransform" => {
                 let m = DMat4::from_cols_array(&self.words.numbers()?);
+                if m.row(3) != glam::DVec4::W {
+                    let error = self.error(at, "this transform is not affine");
+                    return Err(error.with_help("the last of each four numbers are 0, 0, 0 and 1"));
+                }
                 self.state.matrix = if directive == "Transform" { m } else { self.state.matrix * m };
             }
             "CoordinateSystem" => {
@@ -288,11 +302,12 @@ impl Importer<'_> {
                 self.state.matrix = DMat4::IDENTITY;
                 self.systems.insert("world".into(), DMat4::IDENTITY);
             }
-            "Include" | "Import" => {
+            "Include" => {
                 let (name, at) = self.words.quoted("a file")?;
                 let file = self.find(&name, at)?;
                 self.words.include(&file, at)?;
             }
+            "Import" => self.import()?,
             "ObjectBegin" => {
                 let (name, at) = self.words.quoted("a name")?;
                 if self.group.is_some() || self.scene.groups.contains_key(&name) {
@@ -352,7 +367,9 @@ impl Importer<'_> {
                 if self.flag(&p, "twosided", false)? {
                     self.unsupported(at, "a light that shines to both sides: it shines to that of its normal")?;
                 }
-                self.power(&p)?;
+                if let Some(q) = p.get("power") {
+                    self.unsupported(q.at, "an area light given by its power")?;
+                }
                 self.state.light = Some(self.emitted(&p, "L")?);
                 self.finish(&p, "an area light")?;
             }
@@ -397,6 +414,23 @@ impl Importer<'_> {
         Ok(())
     }
 
+    /// A file whose attributes are its own.
+    fn import(&mut self) -> Result<()> {
+        let (name, at) = self.words.quoted("a file")?;
+        let file = self.find(&name, at)?;
+        let (state, depth, outer) = (self.state.clone(), self.words.depth(), self.stack.len());
+        self.words.include(&file, at)?;
+        // A file is closed when something is wanted beyond its end.
+        while self.words.peek()?.is_some() && self.words.depth() > depth {
+            self.step()?;
+        }
+        if self.stack.len() != outer {
+            return Err(self.error(at, "attributes begin or end in this file that do not within it"));
+        }
+        self.state = state;
+        Ok(())
+    }
+
     fn push(&mut self, at: Spot, shape: ShapeDescription) {
         let path = match &self.group {
             Some((name, shapes)) => format!("groups.{name}[{}]", shapes.len()),
@@ -411,14 +445,12 @@ impl Importer<'_> {
 
     // ---- light ----
 
-    /// A given power is not heeded.
-    fn power(&mut self, p: &Parameters) -> Result<()> {
-        for name in ["power", "illuminance"] {
-            if let Some(q) = p.get(name) {
-                self.unsupported(q.at, format!("a light given by its {name}"))?;
-            }
-        }
-        Ok(())
+    /// The factor by which a light of luminance 1 has the `power` or `illuminance` that is asked for, where that is `whole`.
+    fn power(&mut self, p: &Parameters, name: &str, whole: f64) -> Result<f32> {
+        Ok(match self.number(p, name, -1.0)? {
+            x if x > 0.0 => (f64::from(x) / whole) as f32,
+            _ => 1.0,
+        })
     }
 
     /// What a light sends out, of luminance `scale` if it is a spectrum.
@@ -463,24 +495,31 @@ impl Importer<'_> {
     fn light(&mut self) -> Result<()> {
         let (kind, at) = self.words.quoted("a light")?;
         let p = self.words.parameters()?;
-        self.power(&p)?;
         let m = self.state.matrix;
         let point = |p: DVec3| m.transform_point3(p);
         let (from, to) = (self.vector(&p, "from", DVec3::ZERO)?, self.vector(&p, "to", DVec3::Z)?);
         let array = |v: DVec3| v.as_vec3().to_array();
         let emitter = match &*kind {
             "point" => {
-                let intensity = self.emitted(&p, "I")?;
+                let intensity = times(self.emitted(&p, "I")?, self.power(&p, "power", 4.0 * PI)?);
                 EmitterDescription::Point { position: array(point(from)), to_world: Transform::default(), intensity }
             }
             "distant" => {
-                let irradiance = self.emitted(&p, "L")?;
+                let irradiance = times(self.emitted(&p, "L")?, self.power(&p, "illuminance", 1.0)?);
                 EmitterDescription::Directional { direction: array(m.transform_vector3(to - from)), irradiance }
             }
             "spot" => {
                 let (cone, delta) = (self.number(&p, "coneangle", 30.0)?, self.number(&p, "conedeltaangle", 5.0)?);
-                let intensity = self.emitted(&p, "I")?;
-                self.warn(at, "towards its edge a spot's light falls off linearly with the angle");
+                let beam = (cone - delta).max(0.0);
+                let [full, none] = [beam, cone].map(|a| f64::from(a).to_radians().cos());
+                let whole = 2.0 * PI * (1.0 - full + (full - none) / 2.0);
+                let intensity = times(self.emitted(&p, "I")?, self.power(&p, "power", whole)?);
+                if beam != cone {
+                    self.warn(at, "towards its edge a spot's light falls off linearly with the angle");
+                }
+                if !even(m) {
+                    self.unsupported(at, "a spot whose cone is stretched or sheared: it is round")?;
+                }
                 let Some(z) = m.transform_vector3(to - from).try_normalize() else {
                     return Err(self.error(at, "a spot that points nowhere"));
                 };
@@ -490,18 +529,27 @@ impl Importer<'_> {
                     to_world: steps(place),
                     intensity,
                     cutoff_angle: cone,
-                    beam_width: Some((cone - delta).max(0.0)),
+                    beam_width: Some(beam),
                 }
             }
             "infinite" if p.get("filename").is_none() => {
-                EmitterDescription::Constant { radiance: self.emitted(&p, "L")? }
+                let radiance = times(self.emitted(&p, "L")?, self.power(&p, "illuminance", PI)?);
+                EmitterDescription::Constant { radiance }
             }
             "infinite" => {
                 let Some((name, at)) = self.word(&p, "filename")? else { return Ok(()) };
                 let file = self.find(&name, at)?;
                 let scale = self.number(&p, "scale", 1.0)?;
+                if let Some(q) = p.get("illuminance") {
+                    self.unsupported(q.at, "an image of everywhere given by its illuminance")?;
+                }
+                if !even(m) {
+                    return Err(
+                        self.error(at, "an environment can be turned and mirrored, but not stretched or sheared")
+                    );
+                }
                 self.warn(at, "its square is resampled to an equirectangular image");
-                let image = shapes::sky(&self.assets, &file).map_err(|m| self.error(at, format!("\"{file}\": {m}")))?;
+                let image = self.sky(&file, at)?;
                 let file = self.assets.add_image("sky", image);
                 // The image's z is up, and x where φ is 0; rebond's y is up, and −z its centre.
                 let axes =
@@ -523,6 +571,27 @@ impl Importer<'_> {
 
     // ---- what comes before the world ----
 
+    /// The part of the screen that the picture shows: its centre, and how much larger it is than without `screenwindow`.
+    fn window(&mut self, p: &Parameters, aspect: f64) -> Result<([f64; 2], f64)> {
+        if let Some(q) = p.get("frameaspectratio")
+            && (f64::from(self.number(p, "frameaspectratio", aspect)?) / aspect - 1.0).abs() > 1e-3
+        {
+            self.unsupported(q.at, "a frameaspectratio that is not the picture's: pixels are square")?;
+        }
+        let Some(q) = p.get("screenwindow") else { return Ok(([0.0; 2], 1.0)) };
+        let [x0, x1, y0, y1] = q.numbers[..] else {
+            return Err(self.error(q.at, "a screenwindow is four numbers"));
+        };
+        let (w, h) = (x1 - x0, y1 - y0);
+        if !(w > 0.0 && h > 0.0) {
+            return Err(self.error(q.at, "a screenwindow without an area"));
+        }
+        if (w / h / aspect - 1.0).abs() > 1e-3 {
+            self.unsupported(q.at, "a screenwindow of other proportions than the picture: pixels are square")?;
+        }
+        Ok(([(x0 + x1) / 2.0, (y0 + y1) / 2.0], w.min(h) / 2.0))
+    }
+
     fn finish_camera(&mut self) -> Result<()> {
         let Some((kind, p, at, place)) = self.camera.take() else {
             return self.words.fail("the scene has no Camera");
@@ -530,11 +599,7 @@ impl Importer<'_> {
         let (w, h) = (f64::from(self.scene.film.width), f64::from(self.scene.film.height));
         // pbrt's x goes right.
         let m = place * DMat4::from_scale(DVec3::new(-1.0, 1.0, 1.0));
-        for name in ["screenwindow", "frameaspectratio"] {
-            if let Some(q) = p.get(name) {
-                self.unsupported(q.at, format!("a camera's {name}"))?;
-            }
-        }
+        let (centre, larger) = self.window(&p, w / h)?;
         let (shutter_open, shutter_close) =
             (self.number(&p, "shutteropen", 0.0)?, self.number(&p, "shutterclose", 1.0)?);
         // Nothing moves: when it is open does not matter.
@@ -545,7 +610,14 @@ impl Importer<'_> {
         let to_world = steps(m);
         let camera = match &*kind {
             "perspective" => {
-                let fov = self.number(&p, "fov", 90.0)?;
+                if centre != [0.0; 2]
+                    && let Some(q) = p.get("screenwindow")
+                {
+                    self.unsupported(q.at, "a picture that is shifted off the camera's axis")?;
+                }
+                let fov = f64::from(self.number(&p, "fov", 90.0)?);
+                let wider = ((fov.to_radians() / 2.0).tan() * larger).atan().to_degrees() * 2.0;
+                let fov = (if larger == 1.0 { fov } else { wider }) as f32;
                 let fov_axis = FovAxis::Smaller;
                 if radius > 0.0 {
                     CameraDescription::ThinLens {
@@ -575,8 +647,10 @@ impl Importer<'_> {
                 if radius > 0.0 {
                     self.unsupported(at, "a lens of an orthographic camera")?;
                 }
-                let scale = (w / h).max(1.0);
-                let to_world = steps(m * DMat4::from_scale(DVec3::new(scale, scale, 1.0)));
+                let scale = (w / h).max(1.0) * larger;
+                // m's x goes left.
+                let moved = DMat4::from_translation(DVec3::new(-centre[0], centre[1], 0.0));
+                let to_world = steps(m * moved * DMat4::from_scale(DVec3::new(scale, scale, 1.0)));
                 CameraDescription::Orthographic { to_world, shutter_open, shutter_close }
             }
             _ => {
@@ -712,6 +786,18 @@ impl Importer<'_> {
         self.places.note("integrator", at.part());
         self.finish(&p, &format!("the integrator \"{kind}\""))
     }
+}
+
+/// A factor on a colour.
+fn times(Color(c): Color, factor: f32) -> Color {
+    Color(c.map(|x| x * factor))
+}
+
+/// Whether a transform keeps angles: it turns, mirrors, moves and scales alike along all axes.
+fn even(m: DMat4) -> bool {
+    let axes = [m.x_axis, m.y_axis, m.z_axis].map(|a| a.truncate());
+    let size = axes[0].length_squared();
+    (0..3).all(|i| (0..3).all(|j| (axes[i].dot(axes[j]) - if i == j { size } else { 0.0 }).abs() <= 1e-6 * size))
 }
 
 #[cfg(test)]

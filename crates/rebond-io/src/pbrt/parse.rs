@@ -93,7 +93,6 @@ struct Open {
     file: usize,
     text: Arc<str>,
     at: usize,
-    folder: String,
 }
 
 /// The words of a scene, file by file.
@@ -111,13 +110,13 @@ impl<'a> Words<'a> {
     pub fn new(text: &str, file: &str, assets: &'a Assets) -> Self {
         let text: Arc<str> = text.into();
         let sources = Sources(vec![(file.to_string(), text.clone())]);
-        let open = vec![Open { file: 0, text, at: 0, folder: String::new() }];
+        let open = vec![Open { file: 0, text, at: 0 }];
         Self { sources, assets, open, peeked: None, last: Spot::default() }
     }
 
-    /// The folder of the file that is being read, relative to the scene's.
-    pub fn folder(&self) -> &str {
-        self.open.last().map_or("", |o| &o.folder)
+    /// How many files are open, within each other.
+    pub fn depth(&self) -> usize {
+        self.open.len()
     }
 
     /// Goes on with another file, then with this one.
@@ -134,8 +133,7 @@ impl<'a> Words<'a> {
             String::from_utf8(bytes).map_err(|_| self.sources.error(at, format!("\"{name}\" is not UTF-8 text")))?;
         let text: Arc<str> = text.into();
         self.sources.0.push((self.assets.folder().join(name).display().to_string(), text.clone()));
-        let folder = name.rsplit_once('/').map_or("", |(folder, _)| folder).to_string();
-        self.open.push(Open { file: self.sources.0.len() - 1, text, at: 0, folder });
+        self.open.push(Open { file: self.sources.0.len() - 1, text, at: 0 });
         Ok(())
     }
 

@@ -1,30 +1,38 @@
-//! Shapes, and the one kind of image that only pbrt has.
+//! Shapes, and environments.
 
 use super::parse::{Parameters, Spot};
 use super::{Importer, Result};
-use crate::import::{Assets, SIDES, steps, tube};
+use crate::import::{SIDES, steps};
 use glam::{DMat4, DVec3, Vec3};
 use rebond::film::Image;
-use rebond::scene::description::{MaterialDescription, MaterialRef, MeshFile, ShapeDescription, Simple, Sphere};
+use rebond::scene::description::{
+    Color, MaterialDescription, MaterialRef, MeshFile, ShapeDescription, Simple, Sphere, Texture,
+};
 use rebond::shape::MeshData;
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::{PI, TAU};
+use std::io::Read;
 
 /// Cuts of a bilinear patch along each side.
 const CUTS: usize = 16;
-/// Triangles that subdivision and patches may come to in a scene.
-const MOST_TRIANGLES: usize = 1 << 20;
+/// Rings of a sphere that has to be a mesh.
+const RINGS: usize = 64;
+/// Rows that an environment is brought to.
+const SKY_ROWS: usize = 1024;
+/// Triangles that stand in no file and that a scene may come to: of subdivision, patches and round shapes.
+const MOST_TRIANGLES: usize = 1 << 21;
 
 impl Importer<'_> {
     pub fn shape(&mut self) -> Result<()> {
         let (kind, at) = self.words.quoted("a shape")?;
         let p = self.words.parameters()?;
-        let mut material = self.state.material.clone();
-        if let Some(opacity) = self.alpha(&p)? {
-            material = MaterialRef::Inline(Box::new(MaterialDescription::Mask { opacity, material }));
-        }
-        let (material, emission, reverse) = (Some(material), self.state.light, self.state.reverse);
-        let m = self.state.matrix;
+        let (reverse, m) = (self.state.reverse, self.state.matrix);
+        let emission = self.emission(at);
+        let (material, holes) = self.surface(&p, at, emission.is_some())?;
+        // Where the triangles of a mesh get their coordinates from matters to what is spread over them.
+        let lies = holes || self.lies(&material);
+        let grouped = self.group.is_some();
+        let material = Some(material);
         let ply = |file: String, m: DMat4| {
             ShapeDescription::Ply(MeshFile {
                 file,
@@ -38,38 +46,63 @@ impl Importer<'_> {
         };
         let shape = match &*kind {
             "sphere" => {
-                for name in ["zmin", "zmax", "phimax"] {
-                    self.whole(&p, name, "a part of a sphere: the whole is")?;
-                }
                 let radius = self.number(&p, "radius", 1.0)?;
-                ShapeDescription::Sphere(Sphere {
-                    center: [0.0; 3],
-                    radius,
-                    flip_normals: reverse,
-                    material,
-                    emission,
-                    to_world: steps(m),
-                })
+                let r = f64::from(radius);
+                let (zmin, zmax) = (f64::from(self.number(&p, "zmin", -r)?), f64::from(self.number(&p, "zmax", r)?));
+                let sweep = self.sweep(&p)?;
+                let [bottom, top] = [zmin.min(zmax), zmin.max(zmax)].map(|z| (z / r.abs()).clamp(-1.0, 1.0));
+                // A radius of 0 is a mistake that others find.
+                let whole = r == 0.0 || bottom == -1.0 && top == 1.0 && sweep == TAU;
+                if holes || !whole || !super::even(m) && (emission.is_some() || grouped) {
+                    self.warn(at, format!("a sphere becomes a mesh: it has holes, is a part of one, or is stretched where only meshes may be; of {SIDES} by {RINGS} sides"));
+                    let rings = (RINGS as f64 * (bottom.acos() - top.acos()) / PI).ceil().max(1.0) as usize;
+                    let row = |k: usize| {
+                        let v = k as f64 / rings as f64;
+                        let (sin, cos) = (bottom.acos() + (top.acos() - bottom.acos()) * v).sin_cos();
+                        Row { r: sin, z: cos, normal: [sin, cos], v }
+                    };
+                    let rows: Vec<Row> = (0..=rings).map(row).collect();
+                    ply(self.lathed("sphere", &rows, sweep, at)?, m * DMat4::from_scale(DVec3::splat(r)))
+                } else {
+                    ShapeDescription::Sphere(Sphere {
+                        center: [0.0; 3],
+                        radius,
+                        flip_normals: reverse,
+                        material,
+                        emission,
+                        to_world: steps(m),
+                    })
+                }
             }
             "disk" => {
-                for name in ["innerradius", "phimax"] {
-                    self.whole(&p, name, "a part of a disk: the whole is")?;
-                }
-                let (radius, height) =
-                    (f64::from(self.number(&p, "radius", 1.0)?), f64::from(self.number(&p, "height", 0.0)?));
+                let [radius, height, inner] = [("radius", 1.0), ("height", 0.0), ("innerradius", 0.0)]
+                    .map(|(name, default)| self.number(&p, name, default).map(f64::from));
+                let (radius, height, inner, sweep) = (radius?, height?, inner?, self.sweep(&p)?);
                 let own =
                     DMat4::from_translation(DVec3::Z * height) * DMat4::from_scale(DVec3::new(radius, radius, 1.0));
-                ShapeDescription::Disk(Simple { flip_normals: reverse, material, emission, to_world: steps(m * own) })
+                if radius != 0.0 && (lies || inner != 0.0 || sweep != TAU || grouped && !super::even(m)) {
+                    // pbrt's v grows inwards.
+                    self.warn(at, format!("a disk becomes a mesh of {SIDES} sides: it has images or holes, is a part of one, or is stretched in an object"));
+                    let rows =
+                        [(1.0, 0.0), (inner / radius, 1.0)].map(|(r, v)| Row { r, z: 0.0, normal: [0.0, 1.0], v });
+                    ply(self.lathed("disk", &rows, sweep, at)?, m * own)
+                } else {
+                    ShapeDescription::Disk(Simple {
+                        flip_normals: reverse,
+                        material,
+                        emission,
+                        to_world: steps(m * own),
+                    })
+                }
             }
             "cylinder" => {
-                self.whole(&p, "phimax", "a part of a cylinder: the whole is")?;
                 let radius = f64::from(self.number(&p, "radius", 1.0)?);
-                let (lo, hi) = (f64::from(self.number(&p, "zmin", -1.0)?), f64::from(self.number(&p, "zmax", 1.0)?));
+                let (a, b) = (f64::from(self.number(&p, "zmin", -1.0)?), f64::from(self.number(&p, "zmax", 1.0)?));
+                let (lo, hi) = (a.min(b), a.max(b));
                 self.warn(at, format!("a cylinder becomes a prism of {SIDES} sides"));
-                let file = match self.assets.meshes.contains_key("cylinder.ply") {
-                    true => "cylinder.ply".to_string(),
-                    false => self.assets.add_mesh("cylinder", tube()),
-                };
+                let rows = [0.0, 1.0].map(|z| Row { r: 1.0, z, normal: [1.0, 0.0], v: z });
+                let sweep = self.sweep(&p)?;
+                let file = self.lathed("cylinder", &rows, sweep, at)?;
                 let own =
                     DMat4::from_translation(DVec3::Z * lo) * DMat4::from_scale(DVec3::new(radius, radius, hi - lo));
                 ply(file, m * own)
@@ -85,7 +118,7 @@ impl Importer<'_> {
                     self.cut(mesh.triangles.len().saturating_mul(times), at)?;
                     mesh = subdivided(mesh, levels);
                 }
-                let file = self.assets.add_mesh("mesh", mesh);
+                let file = self.assets.add_mesh("mesh", settled(mesh, lies));
                 ply(file, m)
             }
             "plymesh" => {
@@ -98,11 +131,15 @@ impl Importer<'_> {
                     }
                 }
                 let mut file = self.find(&name, at)?;
-                if file.ends_with(".gz") {
-                    let bytes = self.assets.read(&file).and_then(|b| super::unpack(&b));
-                    let mesh = bytes.map_err(|m| self.error(at, format!("\"{file}\": {m}")))?;
-                    let mesh = crate::read_ply(&mesh, &file).map_err(|e| self.error(at, e.to_string()))?;
-                    file = self.assets.add_mesh("mesh", mesh);
+                let packed = file.ends_with(".gz");
+                let head = if packed { Head { normals: true, uvs: true } } else { self.head(&file, at)? };
+                if packed || head.normals || lies && !head.uvs {
+                    let bytes = self.assets.read(&file).and_then(|b| if packed { super::unpack(&b) } else { Ok(b) });
+                    let bytes = bytes.map_err(|m| self.error(at, format!("\"{file}\": {m}")))?;
+                    let mesh = crate::read_ply(&bytes, &file).map_err(|e| self.error(at, e.to_string()))?;
+                    if packed || !is_settled(&mesh, lies) {
+                        file = self.assets.add_mesh("mesh", settled(mesh, lies));
+                    }
                 }
                 ply(file, m)
             }
@@ -120,19 +157,123 @@ impl Importer<'_> {
     fn cut(&mut self, triangles: usize, at: Spot) -> Result<()> {
         self.cut = self.cut.saturating_add(triangles);
         if self.cut > MOST_TRIANGLES {
-            return Err(
-                self.error(at, format!("subdivision and patches would come to more than {MOST_TRIANGLES} triangles"))
-            );
+            return Err(self.error(
+                at,
+                format!("subdivision, patches and round shapes would come to more than {MOST_TRIANGLES} triangles"),
+            ));
         }
         Ok(())
     }
 
-    /// A parameter that would leave a part of a shape.
-    fn whole(&mut self, p: &Parameters, name: &str, message: &str) -> Result<()> {
-        match p.get(name) {
-            Some(q) => self.unsupported(q.at, message),
-            None => Ok(()),
+    /// What the shape shines with, if it may.
+    fn emission(&mut self, at: Spot) -> Option<Color> {
+        let light = self.state.light?;
+        if self.group.is_some() {
+            self.warn(at, "what is within an object does not shine, as in pbrt");
+            return None;
         }
+        Some(light)
+    }
+
+    /// What the shape is made of, and whether that has holes by an image.
+    fn surface(&mut self, p: &Parameters, at: Spot, shines: bool) -> Result<(MaterialRef, bool)> {
+        let material = self.state.material.clone();
+        let opacity = self.alpha(p)?;
+        if !shines {
+            let holes = matches!(opacity, Some(Texture::Image(_)));
+            return Ok(match opacity {
+                Some(opacity) => {
+                    (MaterialRef::Inline(Box::new(MaterialDescription::Mask { opacity, material })), holes)
+                }
+                None => (material, false),
+            });
+        }
+        if opacity.is_some() {
+            self.unsupported(at, "an area light with holes: it has none")?;
+        }
+        if let MaterialRef::Named(name) = &material
+            && matches!(self.scene.materials.get(name), Some(MaterialDescription::Mask { .. }))
+        {
+            self.unsupported(at, "an area light that is nothing but light: it is black, and light does not pass it")?;
+            return Ok((MaterialRef::Inline(Box::new(super::materials::diffuse(Texture::grey(0.0)))), false));
+        }
+        Ok((material, false))
+    }
+
+    /// The angle that a round shape goes around.
+    fn sweep(&self, p: &Parameters) -> Result<f64> {
+        let degrees = f64::from(self.number(p, "phimax", 360.0)?);
+        Ok(if degrees < 360.0 { degrees.max(0.0).to_radians() } else { TAU })
+    }
+
+    /// A surface of revolution, made once.
+    fn lathed(&mut self, name: &str, rows: &[Row], sweep: f64, at: Spot) -> Result<String> {
+        let what = format!("{name} {rows:?} {sweep}");
+        self.cut(2 * SIDES as usize * (rows.len() - 1), at)?;
+        if let Some(file) = self.made.get(&what) {
+            return Ok(file.clone());
+        }
+        let mesh = lathe(rows, sweep);
+        if mesh.triangles.is_empty() {
+            return Err(self.error(at, format!("nothing is left of this {name}")));
+        }
+        let file = self.assets.add_mesh(name, mesh);
+        self.made.insert(what, file.clone());
+        Ok(file)
+    }
+
+    /// A square that holds all directions, each with the same area (Clarberg 2008), as an equirectangular image: of rows enough that
+    /// the edges of its texels, which are not interpolated in pbrt, stay sharp.
+    pub fn sky(&mut self, file: &str, at: Spot) -> Result<Image> {
+        let wrong = |me: &Self, message: String| me.error(at, format!("\"{file}\": {message}"));
+        let image = self.assets.read(file).and_then(|b| crate::read_image(&b, file).map_err(|e| e.message));
+        let image = image.map_err(|m| wrong(self, m))?;
+        let Some(pixels) = image.rgb("").filter(|p| !p.is_empty()) else {
+            return Err(wrong(self, "it has no colours".into()));
+        };
+        let n = image.width as usize;
+        if image.width != image.height {
+            let [w, h] = [image.width, image.height];
+            return Err(wrong(self, format!("an environment is a square image, not one of {w}×{h} pixels")));
+        }
+        let rows = n * (SKY_ROWS / n).clamp(1, 16);
+        self.make(6 * rows * rows, at)?;
+        // Directions to a texel, along each side.
+        let k = (4 * SKY_ROWS / rows).clamp(2, 16);
+        let cosines: Vec<f64> = (0..rows * k).map(|y| (PI * (y as f64 + 0.5) / (rows * k) as f64).cos()).collect();
+        let circle: Vec<(f64, f64)> =
+            (0..2 * rows * k).map(|x| (TAU * ((x as f64 + 0.5) / (2 * rows * k) as f64 - 0.5)).sin_cos()).collect();
+        let mut out = Vec::with_capacity(2 * rows * rows);
+        for i in 0..2 * rows * rows {
+            let (x, y) = (i % (2 * rows), i / (2 * rows));
+            let mut sum = [0.0; 3];
+            for j in 0..k * k {
+                let (cos_theta, (sin_phi, cos_phi)) = (cosines[y * k + j / k], circle[x * k + j % k]);
+                let sin_theta = (1.0 - cos_theta * cos_theta).sqrt();
+                // rebond's (x, y, z) are the image's (y, z, x).
+                let d = DVec3::new(-sin_theta * cos_phi, sin_theta * sin_phi, cos_theta);
+                let [u, v] = to_square(d).map(|s| ((s * n as f64) as usize).min(n - 1));
+                let texel = pixels[v * n + u];
+                sum = std::array::from_fn(|c| sum[c] + f64::from(texel[c].max(0.0)) / (k * k) as f64);
+            }
+            out.push(sum.map(|x| x as f32));
+        }
+        Ok(Image::from_rgb(2 * rows as u32, rows as u32, &out))
+    }
+
+    /// What the beginning of a PLY file says of its vertices.
+    fn head(&self, file: &str, at: Spot) -> Result<Head> {
+        let mut bytes = Vec::new();
+        let path = self.assets.path(file).map_err(|m| self.error(at, m))?;
+        let read = std::fs::File::open(&path).and_then(|f| f.take(1 << 14).read_to_end(&mut bytes));
+        read.map_err(|e| self.error(at, format!("cannot read \"{}\": {e}", path.display())))?;
+        let text = String::from_utf8_lossy(&bytes);
+        let head = text.split("end_header").next().unwrap_or_default();
+        let has = |names: &[&str]| {
+            let properties = head.lines().filter_map(|l| l.trim().strip_prefix("property "));
+            properties.filter_map(|l| l.split_whitespace().last()).any(|name| names.contains(&name))
+        };
+        Ok(Head { normals: has(&["nx"]), uvs: has(&["u", "s", "texture_u"]) })
     }
 
     fn rows<const N: usize>(&self, p: &Parameters, names: &[&str]) -> Result<Option<Vec<[f32; N]>>> {
@@ -149,7 +290,9 @@ impl Importer<'_> {
         };
         let normals = self.rows::<3>(p, &["N"])?;
         let uvs = self.rows::<2>(p, &["uv", "st"])?;
-        let _ = p.get("S");
+        for name in ["S", "faceIndices"] {
+            let _ = p.get(name);
+        }
         let corners = if kind == "bilinearmesh" { 4 } else { 3 };
         let order: Vec<u32> = match p.get("indices") {
             Some(q) => {
@@ -180,6 +323,89 @@ impl Importer<'_> {
         let triangles = order.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect();
         Ok(MeshData { positions, normals, uvs, triangles })
     }
+}
+
+/// Whether a PLY file has normals, and texture coordinates.
+struct Head {
+    normals: bool,
+    uvs: bool,
+}
+
+/// A mesh whose sides are those of its normals, where it has some: so pbrt takes them, and rebond by the order of corners. If
+/// something lies on it and it has no coordinates, each triangle has pbrt's: (0, 0), (1, 0), (1, 1).
+fn settled(mut mesh: MeshData, lies: bool) -> MeshData {
+    // What is wrong with a file is said when the scene is built.
+    let sound = mesh.triangles.iter().flatten().all(|i| (*i as usize) < mesh.positions.len());
+    if sound && lies && mesh.uvs.is_none() {
+        let corners = || mesh.triangles.iter().flatten().map(|i| *i as usize);
+        mesh = MeshData {
+            positions: corners().map(|i| mesh.positions[i]).collect(),
+            normals: mesh.normals.as_ref().map(|n| corners().map(|i| n[i]).collect()),
+            uvs: Some(mesh.triangles.iter().flat_map(|_| [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]).collect()),
+            triangles: (0..mesh.triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
+        };
+    }
+    for i in 0..mesh.triangles.len() {
+        if turned(&mesh, mesh.triangles[i]) {
+            mesh.triangles[i].swap(1, 2);
+        }
+    }
+    mesh
+}
+
+fn is_settled(mesh: &MeshData, lies: bool) -> bool {
+    (!lies || mesh.uvs.is_some()) && !mesh.triangles.iter().any(|t| turned(mesh, *t))
+}
+
+/// Whether the normals of a triangle are on the other side than the order of its corners says.
+fn turned(mesh: &MeshData, t: [u32; 3]) -> bool {
+    let Some(normals) = &mesh.normals else { return false };
+    let at = |of: &[[f32; 3]], k: usize| of.get(t[k] as usize).map_or(Vec3::ZERO, |v| Vec3::from(*v));
+    let p = |k: usize| at(&mesh.positions, k);
+    let sum: Vec3 = (0..3).map(|k| at(normals, k)).sum();
+    (p(1) - p(0)).cross(p(2) - p(0)).dot(sum) < 0.0
+}
+
+/// A circle of a surface of revolution: its radius and height, the normal's parts outwards and upwards, and v.
+#[derive(Clone, Copy, Debug)]
+struct Row {
+    r: f64,
+    z: f64,
+    normal: [f64; 2],
+    v: f64,
+}
+
+/// The surface of revolution about z of these circles, from φ = 0 to `sweep`, where u is 1. Outside is to the right of the way up.
+fn lathe(rows: &[Row], sweep: f64) -> MeshData {
+    let sides = (f64::from(SIDES) * sweep / TAU).ceil().max(1.0) as u32;
+    let mut mesh = MeshData { normals: Some(Vec::new()), uvs: Some(Vec::new()), ..MeshData::default() };
+    for row in rows {
+        for i in 0..=sides {
+            // A whole circle ends where it began.
+            let part = if i == sides && sweep == TAU { 0.0 } else { f64::from(i) / f64::from(sides) };
+            let (sin, cos) = (sweep * part).sin_cos();
+            let round = |r: f64, z: f64| [(r * cos) as f32, (r * sin) as f32, z as f32];
+            mesh.positions.push(round(row.r, row.z));
+            mesh.normals.get_or_insert_default().push(round(row.normal[0], row.normal[1]));
+            // A pole is the tip of as many triangles as there are sides.
+            let middle = if row.r.abs() < 1e-12 { 0.5 } else { 0.0 };
+            let u = (f64::from(i) + middle) / f64::from(sides);
+            mesh.uvs.get_or_insert_default().push([u as f32, row.v as f32]);
+        }
+    }
+    for (j, pair) in rows.windows(2).enumerate() {
+        let [below, above] = [0, 1].map(|k| pair[k].r.abs() >= 1e-12);
+        for i in 0..sides {
+            let at = |i: u32, row: usize| (j + row) as u32 * (sides + 1) + i;
+            if below {
+                mesh.triangles.push([at(i, 0), at(i + 1, 0), if above { at(i + 1, 1) } else { at(i, 1) }]);
+            }
+            if above {
+                mesh.triangles.push([at(i, 0), at(i + 1, 1), at(i, 1)]);
+            }
+        }
+    }
+    mesh
 }
 
 /// Bilinear patches as triangles; flat ones as two, others as many. Corners are at (0, 0), (1, 0), (0, 1), (1, 1).
@@ -222,7 +448,8 @@ fn patches(positions: &[[f32; 3]], normals: Option<&[[f32; 3]]>, uvs: Option<&[[
     mesh
 }
 
-/// Loop's subdivision (1987), its points then moved to the limit surface (Hoppe et al. 1994), with smooth normals.
+/// Loop's subdivision (1987), its points then moved to the limit surface, with its normals (Hoppe et al. 1994). In pbrt these are
+/// against the order of the corners.
 fn subdivided(mut mesh: MeshData, levels: u32) -> MeshData {
     for _ in 0..levels {
         let around = Neighbours::of(&mesh);
@@ -272,7 +499,9 @@ fn subdivided(mut mesh: MeshData, levels: u32) -> MeshData {
     };
     mesh.positions = around.rims.iter().enumerate().map(|r| limit(r).to_array()).collect();
     mesh.uvs = None;
-    mesh.normals = Some(mesh.smooth_normals());
+    let next = around.next(&mesh);
+    let normal = |(i, rim): (usize, &Rim)| rim.normal(i, &next[i], &mesh.positions).to_array();
+    mesh.normals = Some(around.rims.iter().enumerate().map(normal).collect());
     mesh
 }
 
@@ -313,36 +542,52 @@ impl Neighbours {
         }
         Self { rims, edges }
     }
+
+    /// Of each vertex which neighbour follows which, counter-clockwise.
+    fn next(&self, mesh: &MeshData) -> Vec<BTreeMap<u32, u32>> {
+        let mut next = vec![BTreeMap::new(); self.rims.len()];
+        for [a, b, c] in &mesh.triangles {
+            for [a, b, c] in [[*a, *b, *c], [*b, *c, *a], [*c, *a, *b]] {
+                next[a as usize].insert(b, c);
+            }
+        }
+        next
+    }
 }
 
-/// A square that holds all directions, each with the same area (Clarberg 2008), as an equirectangular image.
-pub fn sky(assets: &Assets, file: &str) -> Result<Image, String> {
-    let image = crate::read_image(&assets.read(file)?, file).map_err(|e| e.message)?;
-    let pixels = image.rgb("").filter(|p| !p.is_empty()).ok_or("it has no colours")?;
-    let n = image.width as usize;
-    if image.width != image.height {
-        return Err(format!("an environment is a square image, not one of {}×{} pixels", image.width, image.height));
-    }
-    let mut out = Vec::with_capacity(2 * n * n);
-    for y in 0..n {
-        let (sin_theta, cos_theta) = (PI * (y as f64 + 0.5) / n as f64).sin_cos();
-        for x in 0..2 * n {
-            let (sin_phi, cos_phi) = (TAU * ((x as f64 + 0.5) / (2 * n) as f64 - 0.5)).sin_cos();
-            // rebond's (x, y, z) are the image's (y, z, x).
-            let d = DVec3::new(-sin_theta * cos_phi, sin_theta * sin_phi, cos_theta);
-            let [u, v] = to_square(d).map(|s| s * n as f64 - 0.5);
-            let (x0, y0) = (u.floor(), v.floor());
-            let (fx, fy) = ((u - x0) as f32, (v - y0) as f32);
-            let texel = |x: f64, y: f64| {
-                let inside = |i: f64| (i.max(0.0) as usize).min(n - 1);
-                pixels[inside(y) * n + inside(x)]
-            };
-            let corners = [texel(x0, y0), texel(x0 + 1.0, y0), texel(x0, y0 + 1.0), texel(x0 + 1.0, y0 + 1.0)];
-            let w = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
-            out.push(std::array::from_fn(|c| (0..4).map(|k| corners[k][c] * w[k]).sum()));
+impl Rim {
+    /// The normal of the limit surface at vertex i: across two tangents, each a sum of the neighbours in their order.
+    fn normal(&self, i: usize, next: &BTreeMap<u32, u32>, positions: &[[f32; 3]]) -> Vec3 {
+        let at = |i: u32| Vec3::from(positions[i as usize]);
+        let followed: BTreeSet<u32> = next.values().copied().collect();
+        let first = next.keys().find(|k| !followed.contains(k)).or_else(|| next.keys().next());
+        let Some(mut last) = first.copied() else { return Vec3::ZERO };
+        let mut ring = vec![at(last)];
+        while let Some(n) = next.get(&last)
+            && ring.len() < self.all.len()
+        {
+            last = *n;
+            ring.push(at(last));
         }
+        let (n, p) = (ring.len(), at(i as u32));
+        let wave = |f: fn(f32) -> f32, step: f32| (0..n).map(|j| ring[j] * f(step * j as f32)).sum::<Vec3>();
+        if self.boundary.is_empty() {
+            let step = std::f32::consts::TAU / n as f32;
+            return wave(f32::sin, step).cross(wave(f32::cos, step)).normalize_or_zero();
+        }
+        let along = ring[n - 1] - ring[0];
+        let across = match n {
+            2 => ring[0] + ring[1] - p * 2.0,
+            3 => ring[1] - p,
+            4 => (ring[1] + ring[2]) * 2.0 - ring[0] - ring[3] - p * 2.0,
+            _ => {
+                let step = std::f32::consts::PI / (n - 1) as f32;
+                // The sine is 0 at both ends.
+                wave(f32::sin, step) * (2.0 - 2.0 * step.cos()) - (ring[0] + ring[n - 1]) * step.sin()
+            }
+        };
+        along.cross(across).normalize_or_zero()
     }
-    Ok(Image::from_rgb(2 * n as u32, n as u32, &out))
 }
 
 /// Where a direction is in the square: the upper hemisphere is its inner diamond.

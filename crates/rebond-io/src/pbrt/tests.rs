@@ -1,5 +1,6 @@
 use super::*;
 use crate::SceneSource;
+use rebond::scene::description::MaterialDescription;
 use rebond::shape::MeshData;
 
 fn folder() -> std::path::PathBuf {
@@ -150,6 +151,68 @@ CoordinateSystem "here" Translate 3 3 3 CoordSysTransform "here" Shape "cylinder
     SceneSource::imported(scene, "a").build().unwrap_or_else(|e| panic!("{}", e.snippet()));
 }
 
+/// Textures of textures cost what is used of them: of a hundred factors on an image there is one image.
+#[test]
+fn chained_textures_are_worked_out_once() {
+    let mut text = String::from("Texture \"t0\" \"spectrum\" \"imagemap\" \"string filename\" \"quarters.png\"\n");
+    for i in 0..100 {
+        let factor = if i % 2 == 0 { 0.5 } else { 1.9 };
+        text += &format!(
+            "Texture \"t{}\" \"spectrum\" \"scale\" \"texture tex\" \"t{i}\" \"float scale\" {factor}\n",
+            i + 1
+        );
+    }
+    let scene = read(&format!(
+        "{CAMERA}WorldBegin {text} Material \"diffuse\" \"texture reflectance\" \"t100\" Shape \"sphere\" \
+        Material \"diffuse\" \"texture reflectance\" \"t100\" Shape \"sphere\""
+    ));
+    let images: Vec<_> = scene.files.images.values().map(|i| i.rgb("").expect("colours")).collect();
+    assert_eq!(images.len(), 1);
+    // The corner is white: 0.95 to the power of 50.
+    assert!((images[0][0][1] - 0.95_f32.powi(50)).abs() < 1e-5, "{:?}", images[0][0]);
+}
+
+/// What has to be one number is, where a texture is; of an image its mean, which is not the same.
+#[test]
+fn textures_of_numbers_are_numbers() {
+    let flat = r#"Texture "r" "float" "constant" "float value" 0.5 Texture "s" "float" "scale" "texture tex" "r" "float scale" 0.5"#;
+    let image = r#"Texture "s" "float" "imagemap" "string filename" "holes.png""#;
+    let alpha = |texture: &str, lenient: bool| -> Result<f32> {
+        let text = format!(
+            "{CAMERA}WorldBegin {texture} Material \"dielectric\" \"texture roughness\" \"s\" Shape \"sphere\""
+        );
+        let scene = read_pbrt(&text, "a.pbrt", &folder(), ImportOptions { lenient, ..ImportOptions::default() })?;
+        match scene.description.materials.values().next() {
+            Some(MaterialDescription::Dielectric { alpha, .. }) => Ok(*alpha),
+            other => panic!("{other:?}"),
+        }
+    };
+    assert_eq!(alpha(flat, false).expect("a scene"), 0.5);
+    assert_eq!(alpha(image, false).expect_err("an image").message, "a texture for \"roughness\": its mean is");
+    // Of 64 texels 16 are black.
+    assert!((alpha(image, true).expect("a scene") - 0.75_f32.sqrt()).abs() < 1e-5);
+}
+
+/// A round shape that is stretched is itself where the library can have it so, and a mesh where it cannot.
+#[test]
+fn stretched_spheres_are_kept_or_cut() {
+    let shapes = |text: &str| {
+        let scene = read(&format!("{CAMERA}WorldBegin {text}"));
+        let shapes =
+            [&scene.description.shapes[..], &scene.description.groups.values().flatten().cloned().collect::<Vec<_>>()]
+                .concat();
+        SceneSource::imported(scene, "a").build().unwrap_or_else(|e| panic!("{}", e.snippet()));
+        shapes.first().map(|s| matches!(s, ShapeDescription::Ply(_)))
+    };
+    let light = "AreaLightSource \"diffuse\"";
+    assert_eq!(shapes("Scale 1 2 1 Shape \"sphere\""), Some(false));
+    assert_eq!(shapes(&format!("Scale 2 2 2 {light} Shape \"sphere\"")), Some(false));
+    assert_eq!(shapes(&format!("Scale 1 2 1 {light} Shape \"sphere\"")), Some(true));
+    assert_eq!(shapes("Scale 1 2 1 ObjectBegin \"o\" Shape \"sphere\" ObjectEnd"), Some(true));
+    assert_eq!(shapes("ObjectBegin \"o\" Shape \"sphere\" ObjectEnd"), Some(false));
+    assert_eq!(shapes("Scale 1 2 1 ObjectBegin \"o\" Shape \"disk\" ObjectEnd"), Some(true));
+}
+
 #[test]
 fn meshes_of_every_kind() {
     let mesh = |text: &str| {
@@ -269,7 +332,17 @@ fn mistakes_have_their_places() {
     let fine =
         "Shape \"loopsubdiv\" \"integer levels\" 30 \"point3 P\" [0 0 0 1 0 0 0 1 0] \"integer indices\" [0 1 2]";
     assert!(fails(fine).1.contains("would come to more than"), "{}", fails(fine).1);
-    for flat in ["Scale 0 0 0", "Scale 1 0 1", "Transform [0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0]"] {
+    let projective = "Transform [1 0 0 0 0 1 0 0 0 0 1 0.5 0 0 0 1]";
+    assert_eq!(fails(projective), say(12, "this transform is not affine"));
+    for stretched in ["Scale 1 2 1", "ConcatTransform [1 0 0 0 0.5 1 0 0 0 0 1 0 0 0 0 1]"] {
+        let fails = |light: &str| fails(&format!("{stretched} LightSource {light}")).1;
+        assert!(
+            fails("\"infinite\" \"string filename\" \"sky.pfm\"").contains("not stretched or sheared"),
+            "{stretched}"
+        );
+        assert!(fails("\"spot\"").contains("a spot whose cone is stretched"), "{stretched}");
+    }
+    for flat in ["Scale 0 0 0", "Scale 1 0 1", "Transform [0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 1]"] {
         let error = strict(&format!("{flat}\n{CAMERA}WorldBegin")).expect_err(flat);
         assert_eq!((error.line(), &*error.message), (Some(2), "the camera's transform has no inverse"), "{flat}");
     }

@@ -43,6 +43,16 @@ pub enum TransportMode {
     Importance,
 }
 
+impl TransportMode {
+    /// What a walk from the other end carries.
+    pub fn opposite(self) -> Self {
+        match self {
+            Self::Radiance => Self::Importance,
+            Self::Importance => Self::Radiance,
+        }
+    }
+}
+
 /// What happens to light at a vertex of a path (Heckbert 1990, §2). It hangs on the model and the two directions alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
@@ -373,29 +383,76 @@ impl<F: Real> Bsdf<'_, F> {
         let mask = mask & self.consistent(known, a.z) & self.consistent(other, b.z);
         let mut value = BsdfValue::zero();
         self.each_model(mask, |model, lanes| {
-            let v = match model {
-                Model::Mirror | Model::Dielectric | Model::Conductor | Model::ThinDielectric => return,
-                Model::Diffuse => diffuse::eval(&self.lobe, a, b),
-                Model::RoughDielectric => rough_dielectric::eval(&self.lobe, a, b, mode),
-                Model::RoughConductor => rough_conductor::eval(&self.lobe, a, b),
-                Model::Phong => phong::eval(&self.lobe, a, b),
-                Model::PhongLecture => phong::eval_lecture(&self.lobe, a, b, mode),
-                Model::BlinnPhong => blinn_phong::eval(&self.lobe, a, b),
-                Model::BlinnPhongLecture => blinn_phong::eval_lecture(&self.lobe, a, b),
-                Model::OrenNayar => oren_nayar::eval(&self.lobe, a, b),
-                Model::AshikhminShirley => ashikhmin_shirley::eval(&self.lobe, a, b),
-                Model::Plastic => plastic::eval(&self.lobe, a, b),
-                Model::CompensatedConductor => compensated_conductor::eval(&self.lobe, a, b),
-                Model::Principled => principled::eval(self.lobe, a, b, mode),
-                Model::Angles | Model::HalfDifference | Model::Adaptive => {
-                    self.tables.eval(model, self.lobe.p[0], a, b, mode)
-                }
-            };
-            let v = v.masked(lanes);
+            let v = self.eval_model(model, a, b, mode).masked(lanes);
             value = BsdfValue { f: value.f + v.f, pdf: PdfSolidAngle(value.pdf.0 + v.pdf.0) };
         });
         value.f = value.f * self.adjoint(mode, known, a.z, other, b.z);
         value
+    }
+
+    /// The same, and the density with which a walk from the other end would sample `known` given `other`.
+    #[inline(always)]
+    pub fn eval_both_ways(
+        &self,
+        known: Vec3<F>,
+        other: Vec3<F>,
+        mode: TransportMode,
+        mask: F::Mask,
+    ) -> (BsdfValue<F>, PdfSolidAngle<F>) {
+        let (a, b) = (self.frame.to_local(known), self.frame.to_local(other));
+        let mask = mask & self.consistent(known, a.z) & self.consistent(other, b.z);
+        let (mut value, mut back) = (BsdfValue::zero(), F::zero());
+        self.each_model(mask, |model, lanes| {
+            let v = self.eval_model(model, a, b, mode).masked(lanes);
+            value = BsdfValue { f: value.f + v.f, pdf: PdfSolidAngle(value.pdf.0 + v.pdf.0) };
+            back += self.pdf_model(model, b, a, mode.opposite(), lanes);
+        });
+        value.f = value.f * self.adjoint(mode, known, a.z, other, b.z);
+        (value, PdfSolidAngle(back))
+    }
+
+    /// The density of [`Bsdf::eval`] alone.
+    #[inline(always)]
+    pub fn pdf(&self, known: Vec3<F>, other: Vec3<F>, mode: TransportMode, mask: F::Mask) -> PdfSolidAngle<F> {
+        let (a, b) = (self.frame.to_local(known), self.frame.to_local(other));
+        let mask = mask & self.consistent(known, a.z) & self.consistent(other, b.z);
+        let mut pdf = F::zero();
+        self.each_model(mask, |model, lanes| pdf += self.pdf_model(model, a, b, mode, lanes));
+        PdfSolidAngle(pdf)
+    }
+
+    /// What one model has, of local directions. Most surfaces are diffuse, and there it is next to nothing.
+    #[inline(always)]
+    fn eval_model(&self, model: Model, a: Vec3<F>, b: Vec3<F>, mode: TransportMode) -> BsdfValue<F> {
+        if model == Model::Diffuse { diffuse::eval(&self.lobe, a, b) } else { self.eval_other(model, a, b, mode) }
+    }
+
+    #[inline(always)]
+    fn pdf_model(&self, model: Model, a: Vec3<F>, b: Vec3<F>, mode: TransportMode, lanes: F::Mask) -> F {
+        F::select(lanes, self.eval_model(model, a, b, mode).pdf.0, F::zero())
+    }
+
+    /// The same for all others. Apart: there is much of it, and many ask.
+    #[inline(never)]
+    fn eval_other(&self, model: Model, a: Vec3<F>, b: Vec3<F>, mode: TransportMode) -> BsdfValue<F> {
+        match model {
+            Model::Mirror | Model::Dielectric | Model::Conductor | Model::ThinDielectric => BsdfValue::zero(),
+            Model::Diffuse => diffuse::eval(&self.lobe, a, b),
+            Model::RoughDielectric => rough_dielectric::eval(&self.lobe, a, b, mode),
+            Model::RoughConductor => rough_conductor::eval(&self.lobe, a, b),
+            Model::Phong => phong::eval(&self.lobe, a, b),
+            Model::PhongLecture => phong::eval_lecture(&self.lobe, a, b, mode),
+            Model::BlinnPhong => blinn_phong::eval(&self.lobe, a, b),
+            Model::BlinnPhongLecture => blinn_phong::eval_lecture(&self.lobe, a, b),
+            Model::OrenNayar => oren_nayar::eval(&self.lobe, a, b),
+            Model::AshikhminShirley => ashikhmin_shirley::eval(&self.lobe, a, b),
+            Model::Plastic => plastic::eval(&self.lobe, a, b),
+            Model::CompensatedConductor => compensated_conductor::eval(&self.lobe, a, b),
+            Model::Principled => principled::eval(self.lobe, a, b, mode),
+            Model::Angles | Model::HalfDifference | Model::Adaptive => {
+                self.tables.eval(model, self.lobe.p[0], a, b, mode)
+            }
+        }
     }
 
     /// A direction given `known`, from three numbers in [0, 1): two for the direction, one for the choice of a lobe.

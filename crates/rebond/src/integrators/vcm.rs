@@ -35,20 +35,15 @@
 
 use super::IntegratorError;
 use crate::bsdf::TransportMode;
-use crate::emitter::LightSampling;
 use crate::film::Film;
-use crate::math::Vec3;
-use crate::render::{
-    Dimensions, Engine, Integrator, Observer, Pass, PathClasses, PathState, Rays, Samples, ShadowRay, Tiles,
-};
+use crate::render::{Dimensions, Engine, Integrator, Observer, Pass, PathClasses, PathState, Rays, Samples, Tiles};
 use crate::sampling::Sampler;
 use crate::scene::{Scene, is_hit};
 use crate::transport::sub_path::{Ending, LENS, MOMENT, PER_BOUNCE, PIXEL, light_dimensions};
 use crate::transport::{
-    Connection, Heuristic, Neighbours, Particle, PointGrid, Roulette, Sheets, Source, SubPath, Vertex, first_radius,
-    see, see_source, shrunk,
+    Heuristic, Neighbours, Particle, PointGrid, Roulette, Sheets, Source, SubPath, Vertex, Ways, first_radius, shrunk,
 };
-use rebond_bvh::{Ray, Trace};
+use rebond_bvh::Trace;
 use rebond_lanes::scalar::Index1;
 use rebond_lanes::{F32x16, Index, Mask, Real};
 use serde::{Deserialize, Serialize};
@@ -56,6 +51,7 @@ use std::f32::consts::PI;
 use std::num::NonZeroU32;
 use std::ops::Range;
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Which ways to find a path are used.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -80,10 +76,10 @@ pub enum VcmMode {
 pub struct VcmSettings {
     /// Which ways to find a path are used.
     pub mode: VcmMode,
-    /// The first radius; 0.3 % of half the diagonal of the scene if not given.
+    /// The first radius; 0.3 % of half the diagonal of what the eye meets if not given.
     pub radius: Option<f32>,
-    /// How much of the square of the radius a sample leaves.
-    pub alpha: f32,
+    /// How much of the square of the radius a sample leaves; 3/4 if not given.
+    pub alpha: Option<f32>,
     /// Longest path in segments: 1 is emitted light only, 2 direct light too. Unlimited if not given.
     pub max_depth: Option<NonZeroU32>,
     /// Segments of either walk after which Russian roulette begins.
@@ -101,7 +97,7 @@ impl Default for VcmSettings {
         Self {
             mode: VcmMode::default(),
             radius: None,
-            alpha: 0.75,
+            alpha: None,
             max_depth: None,
             rr_depth: 5,
             roulette: Roulette::default(),
@@ -114,7 +110,7 @@ impl Default for VcmSettings {
 /// The settings, for lists.
 pub(super) const SETTINGS: &[(&str, &str)] = &[
     ("mode", "ways to find a path: vcm, bidirectional, merging, photon or light; vcm"),
-    ("radius", "the first radius of merging; 0.3 % of half the diagonal of the scene"),
+    ("radius", "the first radius of merging; 0.3 % of half the diagonal of what is seen"),
     ("alpha", "how slowly the radius shrinks, between 0 and 1; 0.75"),
     ("max_depth", "longest path in segments, which leaves out longer ones; unlimited if not given"),
     ("rr_depth", "segments of either walk after which Russian roulette begins; 5"),
@@ -136,19 +132,16 @@ impl VcmSettings {
     }
 }
 
+/// How much of the square of the radius a sample leaves, if nothing else is asked for.
+const ALPHA: f32 = 0.75;
+
 /// Tiles of a band at most.
 const BAND: u64 = 1024;
-
-/// Dimensions of the sample values that a bounce of the eye's walk uses for its light.
-const LIGHT_CHOICE: u32 = 0;
-const LIGHT_POINT: u32 = 1;
 
 /// What the samples of a band share.
 #[derive(Clone, Copy)]
 struct Now {
     moment: f32,
-    /// Light's walks for each of the eye's: over the picture, for connections to the lens.
-    light_paths: f32,
     radius: f32,
     /// 1 / (π r² N).
     scale: f32,
@@ -163,8 +156,16 @@ struct Work<'a, F: Real> {
     /// Vertices of the light's walks, without their origins.
     light: Vec<Vertex<'a, F>>,
     neighbours: Neighbours,
-    sheets: Sheets<'a, F>,
+    ways: Ways<'a, F>,
     rays: Rays,
+}
+
+/// Memory that bands fill anew.
+#[derive(Default)]
+struct Kept {
+    grid: PointGrid<Particle>,
+    /// Lists of a tile's particles.
+    spare: Vec<Vec<Particle>>,
 }
 
 /// The estimator at work.
@@ -178,6 +179,9 @@ pub struct Vcm<'a> {
     max_depth: u32,
     ending: Ending,
     heuristic: Heuristic,
+    /// Walks from the light, and particles kept of them.
+    emitted: AtomicU64,
+    stored: AtomicU64,
 }
 
 impl<'a> Vcm<'a> {
@@ -189,11 +193,20 @@ impl<'a> Vcm<'a> {
     ) -> Result<Self, IntegratorError> {
         let VcmSettings { mode, radius, alpha, max_depth, rr_depth, roulette, survival, heuristic } = *settings;
         super::check_ending(roulette, survival, max_depth)?;
-        super::check_radius(radius, alpha)?;
+        super::check_radius(radius, alpha.unwrap_or(ALPHA))?;
+        if let VcmMode::Bidirectional | VcmMode::Light = mode
+            && (radius.is_some() || alpha.is_some())
+        {
+            let name = if radius.is_some() { "radius" } else { "alpha" };
+            let message = format!("{name} is a matter of merging, and this mode has none");
+            return Err(IntegratorError { message, help: format!("leave out {name}, or use mode=vcm") });
+        }
         let first_radius = radius.unwrap_or_else(|| first_radius(scene));
         let max_depth = max_depth.map_or(u32::MAX, NonZeroU32::get);
         let ending = Ending { roulette, survival, rr_depth };
-        Ok(Self { scene, sampler, engine, mode, first_radius, alpha, max_depth, ending, heuristic })
+        let alpha = alpha.unwrap_or(ALPHA);
+        let (emitted, stored) = Default::default();
+        Ok(Self { scene, sampler, engine, mode, first_radius, alpha, max_depth, ending, heuristic, emitted, stored })
     }
 
     fn connects(&self) -> bool {
@@ -202,15 +215,6 @@ impl<'a> Vcm<'a> {
 
     fn merges(&self) -> bool {
         matches!(self.mode, VcmMode::Vcm | VcmMode::Merging | VcmMode::Photon)
-    }
-
-    /// The weight of a way, as [`Heuristic::weight`] has it, if there are others.
-    #[inline(always)]
-    fn weight<F: Real>(&self, others: [F; 2]) -> F {
-        match self.mode {
-            VcmMode::Photon | VcmMode::Light => F::one(),
-            _ => self.heuristic.weight(others),
-        }
     }
 
     /// A ray is about to leave: the way that would connect its ends, if that is none of those used.
@@ -276,12 +280,12 @@ impl<'a> Vcm<'a> {
             work,
             |source, u, time, work| {
                 if to_lens {
-                    self.connect_source(source, numbers(u), time, samples.mask, work);
+                    work.ways.connect_source(source, numbers(u), time, samples.mask);
                 }
             },
             |path, end, u, alive, work| {
                 if to_lens && self.scene.camera().has_lens() {
-                    self.cross_lens(path, end, u.pair(PIXEL), alive, work);
+                    work.ways.cross_lens(&[], path, end, u.pair(PIXEL), alive);
                 }
             },
             |vertex, path, u, work| {
@@ -292,7 +296,7 @@ impl<'a> Vcm<'a> {
                 }
                 self.may_merge(path, vertex, &now);
                 if to_lens {
-                    self.connect_to_lens(vertex, numbers(u), path.ray.time, work);
+                    work.ways.connect_to_lens(&[], vertex, numbers(u), path.ray.time);
                 }
             },
         );
@@ -318,93 +322,29 @@ impl<'a> Vcm<'a> {
         (work.light, work.rays) = (light, rays);
     }
 
-    /// s = 1, t = 1.
-    fn connect_source<F: Trace>(
-        &self,
-        source: &Source<F>,
-        [lens, pixel]: [[F; 2]; 2],
-        time: F,
-        mask: F::Mask,
-        work: &mut Work<'a, F>,
-    ) {
-        let Some(seen) = see_source(self.scene, source, lens, time, mask) else { return };
-        let infinite = self.scene.emitters().is_infinite::<F>(source.emitter);
-        let drawn = &source.emission.pdf;
-        let here = F::select(infinite, drawn.direction.0, drawn.position.0) * source.probability;
-        let by_eye = seen.sight.importance * seen.cos / (here * work.now.light_paths);
-        let weight = self.weight([by_eye, seen.pdf * seen.sight.found]);
-        let connection = seen.connection(PathClasses::start::<F>(), None, weight);
-        work.sheets.connect_to_lens(&connection, (seen.sight.raster, pixel), seen.mask);
-    }
-
-    /// t = 1.
-    fn connect_to_lens<F: Trace>(
-        &self,
-        vertex: &Vertex<'a, F>,
-        [lens, pixel]: [[F; 2]; 2],
-        time: F,
-        work: &mut Work<'a, F>,
-    ) {
-        let Some(seen) = see(self.scene, vertex, lens, time) else { return };
-        let (h, sight) = (self.heuristic, seen.sight);
-        let back = vertex.pdf_back(sight.w, TransportMode::Radiance, seen.mask);
-        let by_eye = vertex.others(h, sight.importance * seen.cos / F::splat(work.now.light_paths), back);
-        let weight = self.weight([by_eye, seen.pdf * sight.found]);
-        let connection = seen.connection(PathClasses::start::<F>(), None, weight);
-        work.sheets.connect_to_lens(&connection, (sight.raster, pixel), seen.mask);
-    }
-
-    /// t = 0: light crosses the lens before it meets anything at distance `end`.
-    fn cross_lens<F: Trace>(
-        &self,
-        path: &SubPath<'a, F>,
-        end: F,
-        pixel: [F; 2],
-        alive: F::Mask,
-        work: &mut Work<'a, F>,
-    ) {
-        let (camera, h, time) = (self.scene.camera(), self.heuristic, path.ray.time);
-        let crossing = camera.crossing(path.origin(), path.direction(), time);
-        let mut mask = alive & crossing.mask & crossing.free.lt(end);
-        if self.mode == VcmMode::Light {
-            // Where nothing else would find it.
-            mask = mask & path.specular;
-        }
-        if mask.none() {
-            return;
-        }
-        let (g, lens) = (camera.density(path.direction(), time).0, camera.lens_pdf(time).0);
-        let per_cos = crossing.cos.recip();
-        let light = path.throughput() * (g * lens * per_cos);
-        let near = path.near * F::select(path.from_far, F::one(), crossing.t * crossing.t);
-        let by_eye = lens * per_cos * h.sum(near, path.far * (g / F::splat(work.now.light_paths)));
-        let (weight, at) = (self.weight([by_eye, F::zero()]), (crossing.raster, pixel));
-        work.sheets.splat(PathClasses::start::<F>(), None, at, light, weight, mask);
-    }
-
     /// The walks from the eye, connected and merged at every vertex.
     fn eye_walk<F: Trace>(&self, samples: &Samples<F>, grid: &PointGrid<Particle>, work: &mut Work<'a, F>) {
         let (scene, now) = (self.scene, work.now);
         let Samples { x, y, pixel, index, slot, mask } = *samples;
         let moment = Some(F::splat(now.moment));
         let eye = PathState::start_at(scene, &work.sampler, [x, y], pixel, index, slot, moment);
-        let mut path = SubPath::from_eye(scene, Some(self.heuristic), &eye, now.light_paths);
+        let mut path = SubPath::from_eye(scene, Some(self.heuristic), &eye, work.ways.light_paths);
         if !self.connects() {
             path.far = F::zero();
         }
-        let mut alive = mask;
+        let (mut alive, state) = (mask, PathClasses::start::<F>());
         while alive.any() {
             self.leave(&mut path);
             let u = Dimensions::new(eye.stream(), F::Index::splat(path.segments - 1), PER_BOUNCE);
             work.rays.add(path.segments, alive.count());
             let hit = scene.intersect(&path.ray, alive, path.segments == 1);
             let found = alive & is_hit(&hit);
-            self.escape(&path, alive.and_not(found), work);
+            work.ways.escape(&path, state, alive.and_not(found));
             if found.none() {
                 return;
             }
             let mut vertex = path.arrive(&hit, &u, found);
-            self.hit_light(&path, &vertex, work);
+            work.ways.hit_light(&path, &vertex, state);
             if path.segments >= self.max_depth {
                 return;
             }
@@ -415,8 +355,8 @@ impl<'a> Vcm<'a> {
                 }
                 self.may_merge(&mut path, &mut vertex, &now);
                 if self.connects() {
-                    self.ask_light(&path, &vertex, &u, diffuse, work);
-                    self.connect_walks(&path, &vertex, diffuse, work);
+                    work.ways.ask_light(&path, &vertex, state, &u, diffuse);
+                    work.ways.connect_walks(&work.light, &path, &vertex, state, diffuse);
                 }
             }
             if self.mode == VcmMode::Photon {
@@ -426,128 +366,6 @@ impl<'a> Vcm<'a> {
                 }
             }
             alive = path.scatter(&mut vertex, &u, &self.ending);
-        }
-    }
-
-    /// s = 0: the surroundings.
-    fn escape<F: Trace>(&self, path: &SubPath<'a, F>, mask: F::Mask, work: &mut Work<'a, F>) {
-        if mask.none() {
-            return;
-        }
-        let (scene, h, w) = (self.scene, self.heuristic, path.direction());
-        for (number, environment) in &scene.emitters().environments {
-            let (radiance, pdf) = environment.eval(w);
-            let emitter = F::Index::splat(*number);
-            let source = scene.light_sampler().source_probability::<F>(emitter);
-            let position = scene.emitters().emission_pdf(emitter, path.ray.time, Vec3::zero(), -w, mask).position.0;
-            let drawn = match path.segments {
-                // The eye draws no points of lights; parallel rays of it meet none that light draws.
-                1 if scene.camera().is_parallel() => F::zero(),
-                1 => source,
-                _ => scene.light_sampler().probability(path.from, path.normal, emitter, mask),
-            };
-            let by_light = pdf.0 * h.sum(drawn * path.near, source * position * path.far);
-            let weight = self.weight([by_light, F::zero()]);
-            let light = path.throughput() * radiance;
-            work.sheets.add(PathClasses::start::<F>(), None, light, weight, mask & radiance.is_lit());
-        }
-    }
-
-    /// s = 0: a surface that shines.
-    fn hit_light<F: Trace>(&self, path: &SubPath<'a, F>, vertex: &Vertex<'a, F>, work: &mut Work<'a, F>) {
-        let (scene, h, surface) = (self.scene, self.heuristic, &vertex.surface);
-        let radiance = scene.emitted(surface, vertex.mask);
-        let lit = vertex.mask & radiance.is_lit();
-        if lit.none() {
-            return;
-        }
-        let (emitters, choice) = (scene.emitters(), scene.light_sampler());
-        let source = choice.source_probability::<F>(surface.emitter);
-        let pdf = emitters.emission_pdf(surface.emitter, surface.time, surface.ng, surface.wo, lit);
-        let drawn = if path.segments == 1 {
-            source * pdf.position.0
-        } else {
-            let hit = surface.seen_from(path.from);
-            choice.probability(path.from, path.normal, surface.emitter, lit)
-                * emitters.pdf(&hit, LightSampling::Area, lit).to_area(hit.to, hit.normal).0
-        };
-        let by_light = h.sum(drawn * vertex.near, source * pdf.position.0 * pdf.direction.0 * vertex.far);
-        let weight = self.weight([by_light, F::zero()]);
-        work.sheets.add(PathClasses::start::<F>(), None, vertex.throughput * radiance, weight, lit);
-    }
-
-    /// s = 1: a point of a light, drawn for this vertex.
-    fn ask_light<F: Trace>(
-        &self,
-        path: &SubPath<'a, F>,
-        vertex: &Vertex<'a, F>,
-        u: &Dimensions<F>,
-        mask: F::Mask,
-        work: &mut Work<'a, F>,
-    ) {
-        let (scene, h, surface, bsdf) = (self.scene, self.heuristic, &vertex.surface, &vertex.bsdf);
-        let choice = || u.value(LIGHT_CHOICE);
-        let Some((emitter, choice)) = scene.light_sampler().sample(surface.p, bsdf.normal(), choice, mask) else {
-            return;
-        };
-        let (place, time) = (u.pair(LIGHT_POINT), path.ray.time);
-        let light = scene.emitters().sample(emitter, surface.p, time, LightSampling::Area, place, mask);
-        let value = vertex.eval(light.wi, TransportMode::Radiance, mask);
-        let brings = value.f * light.weight * (bsdf.normal().dot(light.wi).abs() / choice);
-        let contribution = vertex.throughput * brings;
-        let event = F::Index::splat(0);
-        let Some(shadow) = ShadowRay::new(surface, &light, time, contribution, event, mask) else { return };
-        // What is not drawn, as the place of a point, has the density 1 here and there.
-        let hittable = light.pdf.0.gt(F::zero());
-        let to = light.point - surface.p;
-        let by_area = F::select(light.infinite, light.pdf.0, light.pdf.to_area(to, light.normal).0);
-        let drawn = F::select(hittable, by_area, F::one());
-        let source = scene.light_sampler().source_probability::<F>(emitter);
-        let pdf = scene.emitters().emission_pdf(emitter, time, light.normal, -light.wi, shadow.mask);
-        let distance = F::select(light.infinite, F::one(), to.length_squared());
-        let found = source * pdf.position.0 * pdf.direction.0 * vertex.cos(light.wi) / (distance * choice * drawn);
-        let back = vertex.pdf_back(light.wi, TransportMode::Importance, shadow.mask);
-        let by_eye = F::select(hittable, value.pdf.0 / (choice * light.pdf.0), F::zero());
-        let weight = h.weight([by_eye, vertex.others(h, found, back)]);
-        let state = PathClasses::start::<F>();
-        let connection = Connection { ray: shadow.ray, light: contribution, weight, state, strategy: None };
-        work.sheets.connect(&connection, shadow.mask);
-    }
-
-    /// s ≥ 2 and t ≥ 2: to every vertex of the light's walk beside.
-    fn connect_walks<F: Trace>(&self, path: &SubPath<'a, F>, z: &Vertex<'a, F>, mask: F::Mask, work: &mut Work<'a, F>) {
-        let h = self.heuristic;
-        // Segments: those of the eye's walk, the connection, and s − 1 of the light's.
-        let most = (self.max_depth - path.segments - 1) as usize;
-        for y in &work.light[..work.light.len().min(most)] {
-            let mask = mask & y.mask.and_not(y.bsdf.is_specular());
-            if mask.none() {
-                continue;
-            }
-            let across = y.surface.p - z.surface.p;
-            let d2 = across.length_squared();
-            let w = across * d2.sqrt().recip();
-            let at_z = z.eval(w, TransportMode::Radiance, mask);
-            let mask = mask & at_z.f.is_lit();
-            if mask.none() {
-                continue;
-            }
-            let at_y = y.eval(-w, TransportMode::Importance, mask);
-            let cosines = (z.bsdf.normal().dot(w) * y.bsdf.normal().dot(w)).abs();
-            let light = z.throughput * at_z.f * at_y.f * y.throughput * (cosines / d2);
-            let mask = mask & light.is_lit();
-            if mask.none() {
-                continue;
-            }
-            let o = z.surface.leave(w);
-            let d = y.surface.leave(-w) - o;
-            let ray = Ray { o: o.array(), d: d.array(), tmax: F::one(), time: path.ray.time };
-            let back_z = z.pdf_back(w, TransportMode::Importance, mask);
-            let back_y = y.pdf_back(-w, TransportMode::Radiance, mask);
-            let by_eye = y.others(h, at_z.pdf.0 * y.cos(w) / d2, back_y);
-            let by_light = z.others(h, at_y.pdf.0 * z.cos(w) / d2, back_z);
-            let (weight, state) = (h.weight([by_eye, by_light]), PathClasses::start::<F>());
-            work.sheets.connect(&Connection { ray, light, weight, state, strategy: None }, mask);
         }
     }
 
@@ -561,19 +379,18 @@ impl<'a> Vcm<'a> {
         work: &mut Work<'a, F>,
     ) {
         let (h, now, longest) = (self.heuristic, work.now, self.max_depth - path.segments);
-        let (sheets, per_eta) = (&mut work.sheets, F::splat(now.eta.recip()));
+        let (ways, per_eta) = (&mut work.ways, F::splat(now.eta.recip()));
         work.neighbours.each(grid, z.surface.p, longest, mask, |y| {
-            let (reflected, pdf) = y.reflected(z);
-            let light = z.throughput * reflected * F::splat(now.scale);
+            let (value, back) = z.eval_both_ways(y.w, TransportMode::Radiance, y.mask);
+            let light = z.throughput * y.reflected(z, value.f) * F::splat(now.scale);
             let lit = y.mask & light.is_lit();
             if lit.none() {
                 return;
             }
-            let back = z.pdf_back(y.w, TransportMode::Importance, lit);
-            let by_eye = h.sum(y.sums[0], pdf * y.sums[1]) * per_eta;
+            let by_eye = h.sum(y.sums[0], value.pdf.0 * y.sums[1]) * per_eta;
             let by_light = h.sum(z.near, back * z.far) * per_eta;
-            let weight = self.weight([by_eye, by_light]);
-            sheets.add(PathClasses::start::<F>(), None, light, weight, lit);
+            let weight = ways.weight([by_eye, by_light]);
+            ways.sheets.add(PathClasses::start::<F>(), None, light, weight, lit);
         });
     }
 
@@ -583,7 +400,15 @@ impl<'a> Vcm<'a> {
             now,
             light: Vec::new(),
             neighbours: Neighbours::default(),
-            sheets: Sheets::new(None, self.scene, pass.region, 0),
+            ways: Ways {
+                scene: self.scene,
+                heuristic: self.heuristic,
+                alone: matches!(self.mode, VcmMode::Photon | VcmMode::Light),
+                max_depth: self.max_depth,
+                light_paths: pass.region.pixels() as f32,
+                strategies: false,
+                sheets: Sheets::new(None, self.scene, pass.region, 0),
+            },
             rays: Rays::default(),
         }
     }
@@ -593,22 +418,23 @@ impl<'a> Vcm<'a> {
         &self,
         tiles: Range<u64>,
         now: Now,
-        grid: &mut PointGrid<Particle>,
+        kept: &mut Kept,
         (film, pass, observer): (&Mutex<Film>, &Pass, &dyn Observer),
     ) -> Rays {
         // From the lights.
-        let particles = Mutex::new(Vec::new());
+        let Kept { grid, spare } = kept;
+        let (particles, lists) = (Mutex::new(Vec::new()), Mutex::new(spare));
         let traced = Mutex::new(Rays::default());
         Tiles::only(film, pass, observer, tiles.clone()).run(|tiles| {
             let mut work = self.work::<F>(tiles, pass, now);
             while let Some(tile) = tiles.next() {
-                let mut own = Vec::new();
+                let mut own = lists.lock().unwrap_or_else(|e| e.into_inner()).pop().unwrap_or_default();
                 for samples in tiles.lanes_of::<F>(&tile) {
                     self.emit(&samples, &mut own, &mut work);
-                    work.sheets.end_samples(samples.slot, samples.mask, tile.weight, &mut work.rays);
+                    work.ways.sheets.end_samples(samples.slot, samples.mask, tile.weight, &mut work.rays);
                 }
-                tiles.splat(&tile, work.sheets.splats());
-                work.sheets.clear();
+                tiles.splat(&tile, work.ways.sheets.splats());
+                work.ways.sheets.clear();
                 particles.lock().unwrap_or_else(|e| e.into_inner()).push((tiles.number(&tile), own));
             }
             traced.lock().unwrap_or_else(|e| e.into_inner()).merge(&work.rays);
@@ -621,9 +447,14 @@ impl<'a> Vcm<'a> {
         particles.sort_unstable_by_key(|(number, _)| *number);
         let parts: Vec<&[Particle]> = particles.iter().map(|(_, own)| &own[..]).collect();
         grid.fill(&parts, now.radius, pass.threads);
+        self.stored.fetch_add(grid.len() as u64, Ordering::Relaxed);
+        let spare = lists.into_inner().unwrap_or_else(|e| e.into_inner());
+        spare.extend(particles.into_iter().map(|(_, mut own)| {
+            own.clear();
+            own
+        }));
 
         // From the eye.
-        let grid = &*grid;
         rays.merge(&Tiles::only(film, pass, observer, tiles).run(|tiles| {
             let mut work = self.work::<F>(tiles, pass, now);
             while let Some(tile) = tiles.next() {
@@ -634,10 +465,10 @@ impl<'a> Vcm<'a> {
                     if self.mode != VcmMode::Light {
                         self.eye_walk(&samples, grid, &mut work);
                     }
-                    work.sheets.end_samples(samples.slot, samples.mask, tile.weight, &mut work.rays);
+                    work.ways.sheets.end_samples(samples.slot, samples.mask, tile.weight, &mut work.rays);
                 }
-                tiles.done(&tile, work.sheets.own(), &mut work.rays);
-                work.sheets.clear();
+                tiles.done(&tile, work.ways.sheets.own(), &mut work.rays);
+                work.ways.sheets.clear();
             }
         }));
         rays
@@ -646,7 +477,7 @@ impl<'a> Vcm<'a> {
 
 impl Integrator for Vcm<'_> {
     fn add_samples(&self, film: &Mutex<Film>, pass: &Pass, observer: &dyn Observer) -> Rays {
-        let (mut rays, mut grid) = (Rays::default(), PointGrid::default());
+        let (mut rays, mut kept) = (Rays::default(), Kept::default());
         let camera = self.scene.camera();
         for iteration in pass.samples.clone() {
             // No walk has this number. What is merged must be at the same time.
@@ -659,15 +490,15 @@ impl Integrator for Vcm<'_> {
             let band = all.div_ceil(all.div_ceil(BAND).max(1)).max(1);
             for first in (0..all).step_by(band as usize) {
                 let tiles = first..all.min(first + band);
-                let paths = Tiles::new(film, &one, observer).pixels(tiles.clone()) as f32;
-                let area = PI * radius * radius * paths;
+                let paths = Tiles::new(film, &one, observer).pixels(tiles.clone());
+                self.emitted.fetch_add(paths, Ordering::Relaxed);
+                let area = PI * radius * radius * paths as f32;
                 let eta = if self.merges() { area } else { 0.0 };
-                let light_paths = pass.region.pixels() as f32;
-                let now = Now { moment, light_paths, radius, scale: area.recip(), eta };
+                let now = Now { moment, radius, scale: area.recip(), eta };
                 let to = (film, &one, observer);
                 rays.merge(&match self.engine {
-                    Engine::Wavefront => self.band::<F32x16>(tiles, now, &mut grid, to),
-                    Engine::Scalar => self.band::<f32>(tiles, now, &mut grid, to),
+                    Engine::Wavefront => self.band::<F32x16>(tiles, now, &mut kept, to),
+                    Engine::Scalar => self.band::<f32>(tiles, now, &mut kept, to),
                 });
                 if observer.should_stop() {
                     return rays;
@@ -675,5 +506,9 @@ impl Integrator for Vcm<'_> {
             }
         }
         rays
+    }
+    fn counts(&self) -> Vec<(&'static str, u64)> {
+        let count = |count: &AtomicU64| count.load(Ordering::Relaxed);
+        vec![("light_walks", count(&self.emitted)), ("particles_stored", count(&self.stored))]
     }
 }

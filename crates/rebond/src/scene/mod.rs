@@ -176,6 +176,12 @@ impl Scene {
         self.accel.bounds()
     }
 
+    /// Diagonal of the box around what paths from the camera meet, but for the few that stray; 0 if they meet nothing. By some
+    /// thousand paths, the same ones each time.
+    pub fn extent_seen(&self) -> f32 {
+        pilot::extent(self)
+    }
+
     /// The first surface along each ray of `mask`. `coherent` rays start near one another and go the same way.
     #[inline(always)]
     pub fn intersect<F: Trace>(&self, ray: &Ray<F>, mask: F::Mask, coherent: bool) -> Hit<F> {

@@ -96,8 +96,8 @@ impl Connections {
                 });
             }
             self.waiting -= n;
-            for column in &mut self.columns {
-                column.copy_within(n..n + self.waiting, 0);
+            if self.waiting > 0 {
+                self.columns.iter_mut().for_each(|column| F::load(&column[n..]).store(column));
             }
         }
     }

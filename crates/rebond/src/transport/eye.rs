@@ -20,6 +20,8 @@ pub struct Seen<F: Real> {
     pub cos: F,
     /// Density with which light would have gone there by itself.
     pub pdf: F,
+    /// Density with which the eye would go on from there to the vertex before; 0 at a light.
+    pub back: F,
     /// The ray that must be free.
     pub ray: Ray<F>,
     /// Lanes in which it counts.
@@ -40,13 +42,13 @@ pub fn see_source<F: Real>(scene: &Scene, source: &Source<F>, lens: [F; 2], time
     let value = emitters.radiance_at(emitter, emission.o, time, mask) * (cos / emission.pdf.position.0);
     let o = offset_from_surface(emission.o, emission.error, emission.normal, near.w);
     let ray = Ray { o: o.array(), d: (near.end - o).array(), tmax: F::one(), time };
-    let mut seen = Seen { sight: near, light: value, cos, pdf: F::zero(), ray, mask };
+    let mut seen = Seen { sight: near, light: value, cos, pdf: F::zero(), back: F::zero(), ray, mask };
     if infinite.any() {
         // Their direction was drawn, and counts Le / pdf(direction).
         let far = camera.see_far(-emission.d, lens, time);
         let value = emission.weight * emission.pdf.position.0;
         let ray = Ray { o: far.end.array(), d: (-far.w).array(), tmax: F::splat(f32::INFINITY), time };
-        let far = Seen { sight: far, light: value, cos: F::one(), pdf: F::zero(), ray, mask };
+        let far = Seen { sight: far, light: value, cos: F::one(), pdf: F::zero(), back: F::zero(), ray, mask };
         seen = Seen::select(infinite, far, seen);
     }
     seen.light = seen.light * (seen.sight.importance / source.probability);
@@ -65,12 +67,12 @@ pub fn see<F: Real>(scene: &Scene, vertex: &Vertex<'_, F>, lens: [F; 2], time: F
         return None;
     }
     let sight = scene.camera().see(surface.p, lens, time);
-    let value = vertex.eval(sight.w, TransportMode::Importance, mask);
+    let (value, back) = vertex.eval_both_ways(sight.w, TransportMode::Importance, mask);
     let light = vertex.throughput * value.f * (bsdf.normal().dot(sight.w).abs() * sight.importance);
     let o = surface.leave(sight.w);
     let ray = Ray { o: o.array(), d: (sight.end - o).array(), tmax: F::one(), time };
     let mask = mask & light.is_lit();
-    mask.any().then(|| Seen { sight, light, cos: vertex.cos(sight.w), pdf: value.pdf.0, ray, mask })
+    mask.any().then(|| Seen { sight, light, cos: vertex.cos(sight.w), pdf: value.pdf.0, back, ray, mask })
 }
 
 impl<F: Real> Seen<F> {
@@ -96,6 +98,7 @@ impl<F: Real> Seen<F> {
             light: Rgb::select(mask, a.light, b.light),
             cos: number(a.cos, b.cos),
             pdf: number(a.pdf, b.pdf),
+            back: number(a.back, b.back),
             ray: Ray {
                 o: triple(a.ray.o, b.ray.o),
                 d: triple(a.ray.d, b.ray.d),

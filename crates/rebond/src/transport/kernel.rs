@@ -37,11 +37,13 @@ impl Kernel {
     }
 }
 
-/// The first radius of a progressive estimate where none is given: 0.3 % of half the diagonal of the box around the scene.
+/// The first radius of a progressive estimate where none is given: 0.3 % of half the diagonal of the box around what the eye meets,
+/// by whatever paths.
 pub fn first_radius(scene: &Scene) -> f32 {
+    let seen = scene.extent_seen();
     let (low, high) = scene.bounds();
     let [x, y, z] = [0, 1, 2].map(|i| high[i] - low[i]);
-    0.003 * 0.5 * x.hypot(y).hypot(z)
+    0.003 * 0.5 * if seen > 0.0 { seen } else { x.hypot(y).hypot(z) }
 }
 
 /// The radius of iteration n = 0, 1, … of a progressive estimate whose first is r_0 (Knaus and Zwicker 2011, eq. 15):

@@ -12,6 +12,7 @@ mod point_tree;
 mod roulette;
 mod sheets;
 pub mod sub_path;
+mod ways;
 
 pub use connections::Connection;
 pub use eye::{Seen, see, see_source};
@@ -22,6 +23,7 @@ pub use point_tree::{NOTHING, Nearest, PointTree};
 pub use roulette::Roulette;
 pub use sheets::{Place, Sheets};
 pub use sub_path::{Heuristic, Source, SubPath, Vertex};
+pub use ways::Ways;
 
 use rebond_lanes::Real;
 

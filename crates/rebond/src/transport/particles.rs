@@ -1,7 +1,6 @@
 //! Particles of light where they landed, and those that a vertex of the eye's walk may be merged with.
 
 use super::{Placed, PointGrid, Vertex};
-use crate::bsdf::TransportMode;
 use crate::math::{Rgb, Vec3};
 use rebond_lanes::{Mask, Real};
 
@@ -64,14 +63,12 @@ pub struct Near<F: Real> {
 }
 
 impl<F: Real> Near<F> {
-    /// What a vertex reflects of the flux, and the density with which the eye's walk would go on to where it came from. Flux is
-    /// that through the surface as it is, radiance is reflected by the surface as it is shaded: so cosines differ.
+    /// What a vertex whose BSDF is `f` from here reflects of the flux. Flux is that through the surface as it is, radiance is
+    /// reflected by the surface as it is shaded: so cosines differ.
     #[inline(always)]
-    pub fn reflected(&self, vertex: &Vertex<'_, F>) -> (Rgb<F>, F) {
-        let value = vertex.bsdf.eval(vertex.surface.wo, self.w, TransportMode::Radiance, self.mask);
+    pub fn reflected(&self, vertex: &Vertex<'_, F>, f: Rgb<F>) -> Rgb<F> {
         let factor = (vertex.bsdf.normal().dot(self.w) / vertex.surface.ng.dot(self.w)).abs();
-        let light = value.f * self.power * factor;
-        (light.masked(self.mask & factor.is_finite()), value.pdf.0)
+        (f * self.power * factor).masked(self.mask & factor.is_finite())
     }
 }
 
@@ -81,7 +78,10 @@ const COLUMNS: usize = 9;
 /// Finds particles, lane by lane, and hands them out side by side.
 #[derive(Debug, Default)]
 pub struct Neighbours {
-    found: Vec<[f32; COLUMNS]>,
+    /// Lane, number and squared distance of those found.
+    found: Vec<(u32, u32, f32)>,
+    /// Row i has the i-th of each lane.
+    rows: Vec<[[f32; 16]; COLUMNS]>,
 }
 
 impl Neighbours {
@@ -95,33 +95,31 @@ impl Neighbours {
         mask: F::Mask,
         mut f: impl FnMut(&Near<F>),
     ) {
-        self.found.clear();
-        let mut ends = [0; 16];
-        let lanes = mask.bits();
-        for (lane, end) in ends[..F::LANES].iter_mut().enumerate() {
-            if lanes >> lane & 1 == 1 {
-                grid.within(p.lane(lane), |particle, squared| {
-                    if particle.segments <= longest {
-                        let ([x, y, z], [r, g, b]) = (particle.w, particle.power);
-                        self.found.push([x, y, z, r, g, b, particle.near, particle.far, squared]);
-                    }
-                });
+        let (mut places, mut lanes, mut asked) = ([[0.0; 3]; 16], [0_u32; 16], 0);
+        for lane in 0..F::LANES {
+            if mask.bits() >> lane & 1 == 1 {
+                (places[asked], lanes[asked]) = (p.lane(lane), lane as u32);
+                asked += 1;
             }
-            *end = self.found.len();
         }
-        let first = |lane: usize| if lane == 0 { 0 } else { ends[lane - 1] };
-        let most = (0..F::LANES).map(|lane| ends[lane] - first(lane)).max().unwrap_or(0);
-        for number in 0..most {
-            let mut columns = [[0.0; 16]; COLUMNS];
-            let mut present = 0_u32;
-            for lane in 0..F::LANES {
-                let at = first(lane) + number;
-                if at < ends[lane] {
-                    present |= 1 << lane;
-                    columns.iter_mut().zip(self.found[at]).for_each(|(column, x)| column[lane] = x);
-                }
+        self.found.clear();
+        grid.within(&places[..asked], |number, item, squared| self.found.push((lanes[number], item, squared)));
+        let mut counts = [0; 16];
+        for (lane, item, squared) in &self.found {
+            let (particle, lane) = (grid.item(*item), *lane as usize % 16);
+            let row = counts[lane];
+            counts[lane] += usize::from(particle.segments <= longest);
+            if row == self.rows.len() {
+                self.rows.push([[0.0; 16]; COLUMNS]);
             }
-            let [x, y, z, r, g, b, near, far, squared] = columns.map(|column| F::load(&column));
+            let ([x, y, z], [r, g, b]) = (particle.w, particle.power);
+            let numbers = [x, y, z, r, g, b, particle.near, particle.far, *squared];
+            self.rows[row].iter_mut().zip(numbers).for_each(|(column, number)| column[lane] = number);
+        }
+        let most = counts.into_iter().max().unwrap_or(0);
+        for (number, row) in self.rows[..most].iter().enumerate() {
+            let present = counts[..F::LANES].iter().rev().fold(0, |bits, n| bits << 1 | u32::from(*n > number));
+            let [x, y, z, r, g, b, near, far, squared] = row.map(|column| F::load(&column));
             f(&Near {
                 w: Vec3 { x, y, z },
                 power: Rgb::new(r, g, b),

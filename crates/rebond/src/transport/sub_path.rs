@@ -102,16 +102,17 @@ impl<F: Real> Vertex<'_, F> {
         self.surface.ng.dot(w).abs()
     }
 
-    /// The BSDF from the vertex before to the direction `w`. Apart, as the next: there is much of it, and many ask.
-    #[inline(never)]
+    /// The BSDF from the vertex before to the direction `w`.
+    #[inline(always)]
     pub fn eval(&self, w: Vec3<F>, mode: TransportMode, mask: F::Mask) -> BsdfValue<F> {
         self.bsdf.eval(self.surface.wo, w, mode, mask)
     }
 
-    /// The density with which a walk from the other end, of that mode, would go on from direction `w` to the vertex before.
-    #[inline(never)]
-    pub fn pdf_back(&self, w: Vec3<F>, mode: TransportMode, mask: F::Mask) -> F {
-        self.bsdf.eval(w, self.surface.wo, mode, mask).pdf.0
+    /// The same, and the density with which a walk from the other end would go on from there to the vertex before.
+    #[inline(always)]
+    pub fn eval_both_ways(&self, w: Vec3<F>, mode: TransportMode, mask: F::Mask) -> (BsdfValue<F>, F) {
+        let (value, back) = self.bsdf.eval_both_ways(self.surface.wo, w, mode, mask);
+        (value, back.0)
     }
 }
 
@@ -319,7 +320,7 @@ impl<'a, F: Real> SubPath<'a, F> {
         if let Some(h) = self.heuristic {
             let cos = vertex.cos(next.w);
             let per_pdf = next.pdf.0.recip();
-            let back = vertex.pdf_back(next.w, opposite(self.mode), alive.and_not(next.specular));
+            let back = bsdf.pdf(next.w, wo, self.mode.opposite(), alive.and_not(next.specular)).0;
             let far = cos * per_pdf * h.sum(self.near, back * self.far);
             self.far = F::select(next.specular, cos * self.far, far);
             self.near = F::select(next.specular, F::zero(), per_pdf);
@@ -330,14 +331,6 @@ impl<'a, F: Real> SubPath<'a, F> {
         (self.from_far, self.specular) = (F::Mask::splat(false), next.specular);
         self.segments += 1;
         alive
-    }
-}
-
-/// What the walk from the other end carries.
-fn opposite(mode: TransportMode) -> TransportMode {
-    match mode {
-        TransportMode::Radiance => TransportMode::Importance,
-        TransportMode::Importance => TransportMode::Radiance,
     }
 }
 

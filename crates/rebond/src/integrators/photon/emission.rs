@@ -115,7 +115,7 @@ impl Emission<'_> {
         for first in (0..jobs).step_by(ROUND as usize) {
             let job = |number: usize| {
                 let start = (first + number as u32) * JOB;
-                let (walks, mut job) = (start..walks.min(start + JOB), Job::default());
+                let (walks, mut job) = (start..walks.min(start.saturating_add(JOB)), Job::default());
                 if !observer.should_stop() {
                     match self.engine {
                         Engine::Wavefront => self.walks::<F32x16>(walks, sequence, moment, &mut job),

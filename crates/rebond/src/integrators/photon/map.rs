@@ -3,7 +3,7 @@
 use super::emission::{Counts, Emitted};
 use crate::bsdf::{Model, TransportMode};
 use crate::math::{Rgb, Vec3, vec3};
-use crate::render::{Rays, in_order};
+use crate::render::{Observer, Rays, in_order};
 use crate::transport::{Kernel, NOTHING, Near, Nearest, Particle, PointTree, Vertex};
 use std::f32::consts::PI;
 
@@ -72,10 +72,13 @@ impl PhotonMap {
         Self { tree, photons, scale, counts: emitted.counts, rays: emitted.rays, irradiance: None }
     }
 
-    /// Computes the irradiance at some of the photons.
-    pub fn precompute(mut self, how: &Estimate, threads: usize) -> Self {
+    /// Computes the irradiance at some of the photons; `None` if it was told to stop.
+    pub fn precompute(mut self, how: &Estimate, threads: usize, observer: &dyn Observer) -> Option<Self> {
         let some: Vec<Stored> = self.stored().copied().step_by(ONE_IN).collect();
         let job = |number: usize| {
+            if observer.should_stop() {
+                return Vec::new();
+            }
             let mut near = Nearest::default();
             let part = &some[number * JOB..some.len().min((number + 1) * JOB)];
             let one = |(at, normal): &Stored| {
@@ -86,11 +89,14 @@ impl PhotonMap {
             part.iter().map(one).collect::<Vec<_>>()
         };
         let all = in_order(some.len().div_ceil(JOB), threads, job).concat();
+        if all.len() < some.len() {
+            return None;
+        }
         let tree = PointTree::new(&some.iter().map(|(photon, _)| photon.p).collect::<Vec<_>>(), threads);
         let at = |n: &u32| if *n == NOTHING { ([0.0; 3], Vec3::zero(), 0.0) } else { all[*n as usize] };
         let known = tree.order().iter().map(at).collect();
         self.irradiance = Some(Irradiance { tree, known });
-        self
+        Some(self)
     }
 
     /// Every photon that is stored.
@@ -119,7 +125,7 @@ impl PhotonMap {
             let ([x, y, z], [r, g, b]) = (photon.w, photon.power);
             let mask = photon.segments <= longest;
             let near = Near { w: vec3(x, y, z), power: Rgb::new(r, g, b), sums: [0.0; 2], squared: 0.0, mask };
-            near.reflected(vertex).0.lane(0)
+            near.reflected(vertex, vertex.eval(near.w, TransportMode::Radiance, mask).f).lane(0)
         })
     }
 

@@ -39,6 +39,7 @@ use rebond_bvh::{Ray, Trace};
 use rebond_lanes::scalar::Index1;
 use rebond_lanes::{Index, Mask, Real};
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use std::num::NonZeroU32;
 use std::sync::{Mutex, OnceLock};
 
@@ -50,8 +51,8 @@ pub struct PhotonSettings {
     pub photons: NonZeroU32,
     /// Photons that leave the lights for a map of caustics; 200 000 if there is a gather, which else finds them by itself.
     pub caustic_photons: Option<u32>,
-    /// Photons in an estimate; 0 if only the radius counts.
-    pub nearest: u32,
+    /// Photons in an estimate; 0 if only the radius counts, 500 if not given.
+    pub nearest: Option<u32>,
     /// The most that the radius of an estimate may be; of a progressive one, that of its first iteration.
     pub radius: Option<f32>,
     /// Directions of the final gather; none if 0.
@@ -62,8 +63,8 @@ pub struct PhotonSettings {
     pub kernel: Kernel,
     /// Whether there are iterations, each with photons of its own and a smaller radius.
     pub progressive: bool,
-    /// How much of the square of the radius an iteration leaves.
-    pub alpha: f32,
+    /// How much of the square of the radius an iteration leaves; 2/3 if not given.
+    pub alpha: Option<f32>,
     /// Longest path in segments: 1 is emitted light only, 2 direct light too. Unlimited if not given.
     pub max_depth: Option<NonZeroU32>,
     /// Whether a layer shows the stored photons.
@@ -75,13 +76,13 @@ impl Default for PhotonSettings {
         Self {
             photons: NonZeroU32::new(500_000).expect("not 0"),
             caustic_photons: None,
-            nearest: 500,
+            nearest: None,
             radius: None,
             gather: 0,
             precompute: false,
             kernel: Kernel::default(),
             progressive: false,
-            alpha: 2.0 / 3.0,
+            alpha: None,
             max_depth: None,
             show: false,
         }
@@ -94,7 +95,7 @@ pub(super) const SETTINGS: &[(&str, &str)] = &[
     ("nearest", "photons in an estimate, 0: all within radius; 500"),
     (
         "radius",
-        "the most that the radius of an estimate may be; progressive: the first radius, 0.3 % of half the scene's diagonal",
+        "the most that the radius of an estimate may be; progressive: the first radius, 0.3 % of half the diagonal of what is seen",
     ),
     ("kernel", "how photons count by distance: constant, cone or epanechnikov; constant"),
     ("gather", "directions of the final gather, 0: the map is seen directly; 0"),
@@ -103,11 +104,13 @@ pub(super) const SETTINGS: &[(&str, &str)] = &[
     ("progressive", "true: each sample has a map of its own, seen with a radius that shrinks; false"),
     ("alpha", "progressive: how slowly the radius shrinks, between 0 and 1; 2/3"),
     ("max_depth", "longest path in segments, which leaves out longer ones; unlimited if not given"),
-    ("show", "true: a layer of the photons, each where it is seen; false"),
+    ("show", "true: a layer of the photons, each where it is seen as the shutter opens; false"),
 ];
 
-/// Photons of a map of caustics, if nothing else is asked for.
+/// What there is if nothing else is asked for: photons of a map of caustics, and of an estimate, and how slowly its radius shrinks.
 const CAUSTIC_PHOTONS: u32 = 200_000;
+const NEAREST: u32 = 500;
+const ALPHA: f32 = 2.0 / 3.0;
 
 impl PhotonSettings {
     pub(super) fn leaves_out(&self) -> String {
@@ -133,9 +136,10 @@ impl PhotonSettings {
         engine: Engine,
     ) -> Result<Box<dyn Integrator + 'a>, IntegratorError> {
         let error = |message: String, help: &str| Err(IntegratorError { message, help: help.into() });
-        super::check_radius(self.radius, self.alpha)?;
+        super::check_radius(self.radius, self.alpha.unwrap_or(ALPHA))?;
         if self.progressive {
             let given = [
+                (self.nearest.is_some(), "nearest"),
                 (self.gather > 0, "gather"),
                 (self.precompute, "precompute"),
                 (self.caustic_photons.is_some(), "caustic_photons"),
@@ -147,11 +151,16 @@ impl PhotonSettings {
             }
             return Ok(Box::new(progressive::Progressive::new(self, scene, sampler, engine)));
         }
-        if self.nearest == 1 {
+        if self.alpha.is_some() {
+            let message = "alpha says how a radius shrinks from map to map, and there is one map".to_owned();
+            return error(message, "add progressive=true, or leave out alpha");
+        }
+        let nearest = self.nearest.unwrap_or(NEAREST);
+        if nearest == 1 {
             let message = "nearest = 1 leaves nothing: the last of an estimate only says how wide it is".to_owned();
             return error(message, "give nearest=N of at least 2, or 0 and a radius");
         }
-        if self.nearest == 0 && self.radius.is_none() {
+        if nearest == 0 && self.radius.is_none() {
             let message = "without a number of nearest photons an estimate has no end".to_owned();
             return error(message, "give radius=R, in the units of the scene, or nearest=N");
         }
@@ -170,7 +179,7 @@ impl PhotonSettings {
             settings: self.clone(),
             max_depth: self.max_depth.map_or(u32::MAX, NonZeroU32::get),
             estimate: Estimate {
-                nearest: if self.nearest == 0 { usize::MAX } else { self.nearest as usize },
+                nearest: if nearest == 0 { usize::MAX } else { nearest as usize },
                 most: self.radius.map_or(f32::INFINITY, |r| r * r),
                 kernel: self.kernel,
             },
@@ -190,6 +199,8 @@ const LIGHT_POINT: u32 = 1;
 struct Maps {
     all: PhotonMap,
     caustics: Option<PhotonMap>,
+    /// What the eye sees of them, if that was asked for, in which region.
+    picture: OnceLock<(Region, Vec<[f32; 3]>)>,
 }
 
 /// The estimator at work.
@@ -218,7 +229,7 @@ impl<'a> PhotonMapping<'a> {
         let emission = |keep| Emission { scene, sampler, engine, max_depth, keep };
         let photons = self.settings.photons.get();
         let all = PhotonMap::new(emission(Keep::All).emit(photons, 0, None, threads, observer)?, threads);
-        let all = if self.settings.precompute { all.precompute(&self.estimate, threads) } else { all };
+        let all = if self.settings.precompute { all.precompute(&self.estimate, threads, observer)? } else { all };
         let caustics = match self.settings.caustic_photons.unwrap_or(CAUSTIC_PHOTONS) {
             photons if self.settings.gather > 0 && photons > 0 => {
                 let emitted = emission(Keep::Caustic).emit(photons, 1, None, threads, observer)?;
@@ -226,7 +237,7 @@ impl<'a> PhotonMapping<'a> {
             }
             _ => None,
         };
-        Some(Maps { all, caustics })
+        Some(Maps { all, caustics, picture: OnceLock::new() })
     }
 
     /// L along a ray of the eye, times what it counts.
@@ -473,7 +484,11 @@ impl Integrator for PhotonMapping<'_> {
             let _ = self.maps.set(maps);
         }
         let Some(maps) = self.maps.get() else { return all };
-        let picture = self.settings.show.then(|| self.picture(maps, &pass.region, pass.threads));
+        let picture = self.settings.show.then(|| {
+            let draw = || self.picture(maps, &pass.region, pass.threads);
+            let (region, picture) = maps.picture.get_or_init(|| (pass.region, draw()));
+            if *region == pass.region { Cow::Borrowed(&picture[..]) } else { Cow::Owned(draw()) }
+        });
         all.merge(&Tiles::new(film, pass, observer).run(|tiles| {
             let mut work =
                 Work { sampler: tiles.sampler(&self.sampler), near: Nearest::default(), rays: Rays::default() };

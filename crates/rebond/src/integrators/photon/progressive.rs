@@ -10,8 +10,8 @@
 //! happens in an iteration happens at one moment of the shutter.
 
 use super::emission::{Counts, Emission, Keep};
-use super::{ENDING, PhotonSettings, ask_light, found_light, look};
-use crate::bsdf::Event;
+use super::{ALPHA, ENDING, PhotonSettings, ask_light, found_light, look};
+use crate::bsdf::{Event, TransportMode};
 use crate::film::{Batch, Film};
 use crate::math::Rgb;
 use crate::render::{Dimensions, Engine, Integrator, Observer, Pass, PathState, Rays, Samples, TILE, Tiles};
@@ -63,7 +63,7 @@ impl<'a> Progressive<'a> {
             engine,
             photons: settings.photons.get(),
             first_radius: settings.radius.unwrap_or_else(|| first_radius(scene)),
-            alpha: settings.alpha,
+            alpha: settings.alpha.unwrap_or(ALPHA),
             kernel: settings.kernel,
             max_depth: settings.max_depth.map_or(u32::MAX, NonZeroU32::get),
             counts: Mutex::default(),
@@ -88,8 +88,8 @@ impl<'a> Progressive<'a> {
             // What photons bring.
             let (mut sum, inverse) = (Rgb::black(), 1.0 / (now.radius * now.radius));
             neighbours.each(now.grid, vertex.surface.p, self.max_depth - path.segments, lands, |near| {
-                let (light, _) = near.reflected(vertex);
-                sum += light * self.kernel.value(near.squared * inverse);
+                let f = vertex.eval(near.w, TransportMode::Radiance, near.mask).f;
+                sum += near.reflected(vertex, f) * self.kernel.value(near.squared * inverse);
             });
             light += vertex.throughput * sum * F::splat(inverse * now.scale / PI);
 
