@@ -18,7 +18,7 @@ pub struct JsonFlag {
 
 #[derive(Args)]
 pub struct InfoArguments {
-    /// A built-in scene, a .toml file or another program's scene (.xml of Mitsuba, .pbrt, .gltf, .glb).
+    /// A built-in scene, a .toml file or another program's scene (.xml of Mitsuba, .pbrt, .gltf, .glb, .obj).
     scene: String,
     #[command(flatten)]
     import: ImportArguments,

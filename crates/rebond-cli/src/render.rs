@@ -20,7 +20,7 @@ pub const DEFAULT_SAMPLES: u32 = 64;
 
 #[derive(Args)]
 pub struct Arguments {
-    /// A built-in scene (see `rebond scenes`), a .toml file or another program's scene (.xml of Mitsuba, .pbrt, .gltf, .glb).
+    /// A built-in scene (see `rebond scenes`), a .toml file or another program's scene (.xml of Mitsuba, .pbrt, .gltf, .glb, .obj).
     scene: String,
     #[command(flatten)]
     import: ImportArguments,

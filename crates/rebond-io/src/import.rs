@@ -6,12 +6,13 @@
 
 use crate::document::{Span, place_of};
 use crate::error::Error;
-use glam::DMat4;
+use glam::{DMat4, DVec3};
 use rebond::film::Image;
 use rebond::scene::SceneDescription;
-use rebond::scene::description::{Transform, TransformStep};
+use rebond::scene::description::{CameraDescription, FovAxis, LookAt, Transform, TransformStep};
 use rebond::shape::MeshData;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -46,6 +47,8 @@ pub struct Places {
     sources: Sources,
     /// A file's number, and what of its text.
     parts: BTreeMap<String, Part>,
+    /// What the file itself calls the parts, where it has no lines to speak of.
+    names: BTreeMap<String, String>,
 }
 
 /// Files by name, with their texts.
@@ -58,6 +61,11 @@ impl Places {
     /// Notes where the part of that path came from.
     pub(crate) fn note(&mut self, path: impl Into<String>, part: Part) {
         self.parts.insert(path.into(), part);
+    }
+
+    /// Notes what the file calls the part of that path.
+    pub(crate) fn name(&mut self, path: impl Into<String>, name: impl Into<String>) {
+        self.names.insert(path.into(), name.into());
     }
 
     /// The same places, of these files.
@@ -79,6 +87,8 @@ impl Places {
         };
         let parts = std::mem::take(&mut self.parts);
         self.parts = parts.into_iter().filter_map(|(path, part)| moved(path).map(|path| (path, part))).collect();
+        let names = std::mem::take(&mut self.names);
+        self.names = names.into_iter().filter_map(|(path, name)| moved(path).map(|path| (path, name))).collect();
     }
 
     /// An error about the value of that path: at the place of the narrowest part known.
@@ -87,6 +97,11 @@ impl Places {
         let mut prefixes: Vec<&str> = ends.map(|i| &path[..i]).collect();
         prefixes.push(path);
         let found = prefixes.iter().rev().find_map(|p| self.parts.get(*p));
+        let message = message.into();
+        let message = match prefixes.iter().rev().find_map(|p| self.names.get(*p)) {
+            Some(name) => format!("{name}: {message}"),
+            None => message,
+        };
         let error = Error { path: path.to_string(), ..Error::new(message) };
         let Some((number, span)) = found else { return error };
         let Some((file, text)) = self.sources.get(*number) else { return error };
@@ -100,6 +115,8 @@ impl Places {
 pub(crate) struct Report {
     pub lenient: bool,
     pub warnings: Vec<Error>,
+    /// Hashes of those.
+    pub known: HashSet<u64>,
 }
 
 impl Report {
@@ -115,11 +132,16 @@ impl Report {
 
     /// Something that is not quite the same.
     pub fn warn(&mut self, error: Error) {
-        if !self.warnings.contains(&error) {
+        let mut hasher = DefaultHasher::new();
+        (&error.file, &error.path, &error.message, error.line(), error.column()).hash(&mut hasher);
+        if self.known.insert(hasher.finish()) {
             self.warnings.push(error);
         }
     }
 }
+
+/// Pixels of images that an importer makes of others.
+const MOST_PIXELS: u64 = 1 << 26;
 
 /// Files of an imported scene: those of its folder, and what its importer made.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -167,6 +189,16 @@ impl Assets {
         free
     }
 
+    /// Whether one more image of so many pixels may be made.
+    pub(crate) fn has_room_for(&self, width: u32, height: u32) -> Result<(), String> {
+        let pixels = |width: u32, height: u32| u64::from(width) * u64::from(height);
+        let made: u64 = self.images.values().map(|i| pixels(i.width, i.height)).sum();
+        match made + pixels(width, height) <= MOST_PIXELS {
+            true => Ok(()),
+            false => Err(format!("images in so many colours have more than {MOST_PIXELS} pixels")),
+        }
+    }
+
     /// The same for an image: `name.exr`.
     pub(crate) fn add_image(&mut self, name: &str, image: Image) -> String {
         let same = self.images.iter().find(|(_, known)| ***known == image);
@@ -186,6 +218,34 @@ pub(crate) fn steps(m: DMat4) -> Transform {
     }
     let rows = [0, 1, 2].map(|i| m.row(i).as_vec4().to_array());
     Transform(vec![TransformStep { matrix: Some(rows.to_vec()), ..TransformStep::default() }])
+}
+
+/// The box around points; those that are not finite do not count.
+pub(crate) fn bounds<'a>(points: impl Iterator<Item = &'a [f32; 3]>) -> [DVec3; 2] {
+    points.fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |b, p| {
+        let p = DVec3::from(p.map(f64::from));
+        if p.is_finite() { [b[0].min(p), b[1].max(p)] } else { b }
+    })
+}
+
+/// A camera from which all of a box is seen, from the front and a little above, and its film's size.
+pub(crate) fn camera_before([lo, hi]: [DVec3; 2]) -> (CameraDescription, [u32; 2]) {
+    let (center, radius) =
+        if lo.is_finite() && hi.is_finite() { ((lo + hi) / 2.0, (hi - lo).length() / 2.0) } else { (DVec3::ZERO, 1.0) };
+    let radius = radius.max(1e-6);
+    let distance = 1.05 * radius / 20.0_f64.to_radians().sin();
+    let origin = center + DVec3::new(0.3, 0.25, 1.0).normalize() * distance;
+    let vector = |v: DVec3| v.as_vec3().to_array();
+    let look_at = LookAt { origin: vector(origin), target: vector(center), up: [0.0, 1.0, 0.0] };
+    let camera = CameraDescription::Perspective {
+        to_world: Transform(vec![TransformStep { look_at: Some(look_at), ..TransformStep::default() }]),
+        fov: 40.0,
+        fov_axis: FovAxis::Smaller,
+        near_clip: 0.0,
+        shutter_open: 0.0,
+        shutter_close: 0.0,
+    };
+    (camera, [960, 540])
 }
 
 /// Sides of the prism that stands for a cylinder: its area is off by a ten-thousandth.
@@ -268,10 +328,26 @@ mod tests {
         assert_eq!(line("shapes[1].material.opacity.image"), Some(4));
         assert_eq!(line("materials.a b.alpha"), Some(5));
         assert_eq!(line("shapes[2]"), None);
+        places.name("shapes[1]", "the third cube");
+        assert_eq!(places.error_at("shapes[1].material", "no").message, "the third cube: no");
+        assert_eq!(places.error_at("shapes[2].material", "no").message, "no");
         places.remove("shapes", 0);
+        assert_eq!(places.error_at("shapes[0].material", "no").message, "the third cube: no");
         let line = |path: &str| places.error_at(path, "no").line();
         assert_eq!((line("shapes[0].material"), line("shapes[1]"), line("materials.a b")), (Some(4), None, Some(5)));
         places.remove("shapes", 0);
         assert_eq!(places.error_at("shapes[0]", "no").line(), None);
+        assert_eq!(places.error_at("shapes[0]", "no").message, "no");
+    }
+
+    #[test]
+    fn many_warnings_are_told_apart_fast() {
+        let mut report = Report { lenient: true, ..Report::default() };
+        for i in 0..100_000 {
+            report.warn(Error::new(format!("warning {}", i / 2)));
+        }
+        assert_eq!(report.warnings.len(), 50_000);
+        report.unsupported(Error::new("warning 7")).expect("a warning");
+        assert_eq!(report.warnings.len(), 50_000);
     }
 }

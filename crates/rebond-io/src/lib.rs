@@ -14,6 +14,7 @@ pub mod mitsuba;
 pub mod pbrt;
 mod scene;
 mod solution;
+pub mod wavefront;
 mod write;
 
 pub use deserialize::{from_settings, from_toml};
@@ -29,4 +30,5 @@ pub use mitsuba::read_mitsuba;
 pub use pbrt::read_pbrt;
 pub use scene::{BUILT_IN_SCENES, BuiltIn, SceneFiles, SceneSource};
 pub use solution::{read_solution, write_solution};
+pub use wavefront::read_obj_scene;
 pub use write::{convert, to_toml};

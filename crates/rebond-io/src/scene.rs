@@ -6,6 +6,7 @@ use crate::gltf::read_gltf;
 use crate::import::{Assets, ImportOptions, Imported, Places};
 use crate::mitsuba::read_mitsuba;
 use crate::pbrt::read_pbrt;
+use crate::wavefront::read_obj_scene;
 use crate::{from_toml, read_image, read_image_raw, read_measured, read_obj, read_ply, read_solution, write_ply};
 use rebond::bsdf::check::Material;
 use rebond::bsdf::measured::Measured;
@@ -193,7 +194,7 @@ enum Origin {
 const MOST_LEFT_OUT: usize = 64;
 
 /// What scene files end in.
-const EXTENSIONS: &str = ".toml, or .xml (Mitsuba 3), .pbrt (pbrt-v4), .gltf and .glb";
+const EXTENSIONS: &str = ".toml, or .xml (Mitsuba 3), .pbrt (pbrt-v4), .gltf and .glb, .obj";
 
 impl SceneSource {
     /// Reads a built-in scene by name, or a file by path; another program's strictly.
@@ -210,7 +211,7 @@ impl SceneSource {
         let names: Vec<&str> = BUILT_IN_SCENES.iter().map(|b| b.name).collect();
         let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
         match extension.as_deref() {
-            Some("toml" | "xml" | "pbrt" | "gltf" | "glb") => {}
+            Some("toml" | "xml" | "pbrt" | "gltf" | "glb" | "obj") => {}
             Some(_) if path.exists() => {
                 let error = Error::new(format!("cannot tell the format of \"{scene}\""));
                 return Err(error.with_help(format!("scene files end in {EXTENSIONS}")));
@@ -238,6 +239,9 @@ impl SceneSource {
         };
         if let Some("gltf" | "glb") = extension.as_deref() {
             return Ok(imported(read_gltf(&bytes, scene, &folder, options)?));
+        }
+        if let Some("obj") = extension.as_deref() {
+            return Ok(Self { path: from, ..Self::imported(read_obj_scene(&bytes, scene, &folder, options)?, &name) });
         }
         let text = String::from_utf8(bytes).map_err(|e| not_text(e.as_bytes(), e.utf8_error().valid_up_to(), scene))?;
         match extension.as_deref() {

@@ -282,7 +282,9 @@ fn files_of_material(material: &mut MaterialDescription, f: &mut dyn FnMut(&mut 
             image(opacity, f);
             files_of_reference(material, f);
         }
-        M::NormalMap { normal_map: map, material, .. } | M::BumpMap { bump_map: map, material, .. } => {
+        M::Glow { radiance: map, material, .. }
+        | M::NormalMap { normal_map: map, material, .. }
+        | M::BumpMap { bump_map: map, material, .. } => {
             f(&mut map.image);
             files_of_reference(material, f);
         }

@@ -5,7 +5,9 @@
 
 use proptest::prelude::*;
 use proptest::test_runner::{Config, TestRunner};
-use rebond_io::{ImportOptions, SceneSource, read_gltf, read_image, read_mitsuba, read_obj, read_pbrt, read_ply};
+use rebond_io::{
+    ImportOptions, SceneSource, read_gltf, read_image, read_mitsuba, read_obj, read_obj_scene, read_pbrt, read_ply,
+};
 use std::path::{Path, PathBuf};
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
@@ -21,7 +23,8 @@ fn pbrt() -> PathBuf {
 const LENIENT: ImportOptions = ImportOptions { lenient: true, allow_outside: false };
 
 /// Reads and, if it is a scene that is not too large, builds it.
-fn swallow(format: Format, bytes: &[u8]) {
+/// The files of a library of materials are in `folder`.
+fn swallow(format: Format, bytes: &[u8], folder: &Path) {
     for options in [ImportOptions::default(), LENIENT] {
         let read = match format {
             Format::Meshes => {
@@ -35,7 +38,13 @@ fn swallow(format: Format, bytes: &[u8]) {
             }
             Format::Mitsuba => read_mitsuba(&String::from_utf8_lossy(bytes), "a.xml", &data(), options),
             Format::Pbrt => read_pbrt(&String::from_utf8_lossy(bytes), "a.pbrt", &pbrt(), options),
-            Format::Gltf => read_gltf(bytes, "a.gltf", &data(), options),
+            Format::Gltf => read_gltf(bytes, "a.gltf", &data().join("../gltf"), options),
+            Format::Obj => read_obj_scene(bytes, "a.obj", &data().join("../obj"), options),
+            Format::Mtl => {
+                std::fs::write(folder.join("room.mtl"), bytes).expect("a file");
+                let room = std::fs::read(data().join("../obj/room.obj")).expect("a scene");
+                read_obj_scene(&room, "a.obj", folder, options)
+            }
         };
         match read {
             Ok(scene) => drop(SceneSource::imported(scene, "a").build()),
@@ -49,6 +58,8 @@ enum Format {
     Mitsuba,
     Pbrt,
     Gltf,
+    Obj,
+    Mtl,
     Meshes,
     Images,
 }
@@ -65,6 +76,8 @@ fn files(folder: &Path, extensions: &[&str]) -> Vec<Vec<u8>> {
 /// Good files to begin with.
 fn seeds(format: Format) -> Vec<Vec<u8>> {
     match format {
+        Format::Obj => vec![std::fs::read(data().join("../obj/room.obj")).expect("a scene")],
+        Format::Mtl => vec![std::fs::read(data().join("../obj/room.mtl")).expect("a library")],
         Format::Mitsuba => files(&data(), &["xml"]),
         Format::Meshes => files(&data().join("parts"), &["ply", "obj"]),
         Format::Images => {
@@ -93,7 +106,7 @@ Shape "bilinearmesh" "point3 P" [0 0 0 1 0 0 0 1 0 1 1 1] "texture alpha" "h" Sh
 "nodes":[{"mesh":0,"children":[3]},{"camera":0,"translation":[0,0,5],"rotation":[0,0,0,1]},{"extensions":{"KHR_lights_punctual":{"light":0}}},
 {"mesh":0,"matrix":[1,0,0,0,0,1,0,0,0,0,1,0,1,2,3,1]}],
 "cameras":[{"type":"perspective","perspective":{"yfov":0.3,"znear":0.1,"aspectRatio":1.5}}],
-"images":[{"uri":"parts/quarters.png"}],"samplers":[{"magFilter":9728,"wrapS":33648,"wrapT":33648}],"textures":[{"source":0,"sampler":0}],
+"images":[{"uri":"quarters.png"}],"samplers":[{"magFilter":9728,"wrapS":33648,"wrapT":33648}],"textures":[{"source":0,"sampler":0}],
 "materials":[{"doubleSided":true,"alphaMode":"MASK","emissiveFactor":[0,0,0],"normalTexture":{"index":0,"scale":0.5},
 "pbrMetallicRoughness":{"baseColorTexture":{"index":0,"extensions":{"KHR_texture_transform":{"rotation":0.3}}},"baseColorFactor":[1,0.5,1,1],"roughnessFactor":0.4}}],
 "meshes":[{"primitives":[{"attributes":{"POSITION":0,"TEXCOORD_0":2},"indices":1,"mode":5,"material":0}]}],
@@ -108,7 +121,9 @@ Shape "bilinearmesh" "point3 P" [0 0 0 1 0 0 0 1 0 1 1 1] "texture alpha" "h" Sh
             glb.extend((json.len() as u32).to_le_bytes());
             glb.extend(b"JSON");
             glb.extend(&json);
-            vec![text.as_bytes().to_vec(), glb]
+            let mut seeds = vec![text.as_bytes().to_vec(), glb];
+            seeds.extend(files(&data().join("../gltf"), &["gltf", "glb"]));
+            seeds
         }
     }
 }
@@ -214,14 +229,19 @@ const HANG: Duration = Duration::from_secs(600);
 fn fuzz(format: Format, cases: u32) -> (u32, Duration) {
     let seeds = seeds(format);
     let config = Config { cases, failure_persistence: None, ..Config::default() };
+    let folder = tempfile::tempdir().expect("a folder");
+    for image in ["quarters.png", "holes.png"] {
+        std::fs::copy(data().join("../obj").join(image), folder.path().join(image)).expect("an image");
+    }
     let strategy = (0..seeds.len(), proptest::collection::vec(change(), 1..6));
     let longest = std::cell::Cell::new(Duration::ZERO);
     let outcome = TestRunner::new(config).run(&strategy, |(seed, changes)| {
         let bytes = changed(&seeds[seed], &changes);
         let start = Instant::now();
         let (done, ended) = mpsc::channel();
+        let path = folder.path().to_path_buf();
         let thread = std::thread::spawn(move || {
-            swallow(format, &bytes);
+            swallow(format, &bytes, &path);
             let _ = done.send(());
         });
         // A panic closes the channel too.
@@ -250,6 +270,12 @@ fn broken_gltf_scenes_end() {
 }
 
 #[test]
+fn broken_obj_scenes_end() {
+    fuzz(Format::Obj, 300);
+    fuzz(Format::Mtl, 300);
+}
+
+#[test]
 fn broken_meshes_and_images_end() {
     fuzz(Format::Meshes, 100);
     fuzz(Format::Images, 100);
@@ -261,7 +287,9 @@ fn broken_meshes_and_images_end() {
 fn for_a_long_time() {
     let seconds = std::env::var("REBOND_FUZZ_SECONDS").ok().and_then(|s| s.parse().ok()).unwrap_or(60);
     let only = std::env::var("REBOND_FUZZ_FORMAT").ok();
-    for format in [Format::Pbrt, Format::Mitsuba, Format::Gltf, Format::Meshes, Format::Images] {
+    for format in
+        [Format::Pbrt, Format::Mitsuba, Format::Gltf, Format::Obj, Format::Mtl, Format::Meshes, Format::Images]
+    {
         if only.as_ref().is_some_and(|name| !format!("{format:?}").eq_ignore_ascii_case(name)) {
             continue;
         }

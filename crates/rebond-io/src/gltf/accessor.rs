@@ -5,6 +5,7 @@ use crate::error::Error;
 use ::gltf::json::accessor::{Accessor, ComponentType, Type};
 use ::gltf::json::validation::Checked;
 use base64::Engine as _;
+use std::rc::Rc;
 
 /// Rows of a file's accessors without a buffer, which are zeros.
 const MOST_ZEROS: u64 = 1 << 20;
@@ -16,6 +17,18 @@ pub struct Numbers {
     /// The same as whole numbers, if they are.
     pub indices: Vec<u32>,
     width: usize,
+}
+
+impl Numbers {
+    /// How many rows.
+    pub fn len(&self) -> usize {
+        self.values.len() / self.width
+    }
+
+    /// A row of N numbers.
+    pub fn row<const N: usize>(&self, i: usize) -> [f32; N] {
+        std::array::from_fn(|c| self.values[i * N + c])
+    }
 }
 
 /// Bytes of a number, by type.
@@ -48,17 +61,18 @@ fn read(bytes: &[u8], kind: ComponentType, normalized: bool) -> (f32, u32) {
 }
 
 impl Importer<'_> {
-    /// Rows of N numbers.
-    pub fn rows<const N: usize>(&mut self, number: usize, path: &str) -> Result<Vec<[f32; N]>> {
+    /// An accessor that has rows of `width` numbers.
+    pub fn rows(&mut self, number: usize, width: usize, path: &str) -> Result<Rc<Numbers>> {
         let numbers = self.accessor(number, path)?;
-        if numbers.width != N {
-            return Err(self.error(path, format!("accessor {number} has rows of {} numbers, not {N}", numbers.width)));
+        if numbers.width != width {
+            let message = format!("accessor {number} has rows of {} numbers, not {width}", numbers.width);
+            return Err(self.error(path, message));
         }
-        Ok(numbers.values.chunks_exact(N).map(|row| std::array::from_fn(|i| row[i])).collect())
+        Ok(numbers)
     }
 
     /// Whole numbers, one to a row.
-    pub fn indices(&mut self, number: usize, path: &str) -> Result<Vec<u32>> {
+    pub fn indices(&mut self, number: usize, path: &str) -> Result<Rc<Numbers>> {
         let numbers = self.accessor(number, path)?;
         let kind = self.root.accessors.get(number).map(|a| a.component_type);
         match kind {
@@ -66,14 +80,17 @@ impl Importer<'_> {
                 if numbers.width == 1
                     && matches!(kind.0, ComponentType::U8 | ComponentType::U16 | ComponentType::U32) =>
             {
-                Ok(numbers.indices)
+                Ok(numbers)
             }
             _ => Err(self.error(path, format!("accessor {number} has no whole numbers, one to a row, for indices"))),
         }
     }
 
-    /// All numbers of an accessor.
-    pub fn accessor(&mut self, number: usize, path: &str) -> Result<Numbers> {
+    /// All numbers of an accessor, which is read once.
+    pub fn accessor(&mut self, number: usize, path: &str) -> Result<Rc<Numbers>> {
+        if let Some(known) = self.accessors.get(&number) {
+            return Ok(known.clone());
+        }
         let place = format!("accessors[{number}]");
         let Some(a) = self.root.accessors.get(number).cloned() else {
             return Err(self.error(path, format!("there is no accessor {number}")));
@@ -105,6 +122,9 @@ impl Importer<'_> {
             true => self.error(&place, e.message),
             false => e,
         })?;
+        self.count(&place, numbers.values.len() as u64)?;
+        let numbers = Rc::new(numbers);
+        self.accessors.insert(number, numbers.clone());
         Ok(numbers)
     }
 
@@ -169,6 +189,7 @@ impl Importer<'_> {
         match buffer.uri.clone() {
             Some(uri) => {
                 let bytes = self.open(&uri).map_err(|m| self.error(&path, m))?;
+                self.bytes += bytes.len() as u64;
                 self.buffers.insert(number, bytes);
             }
             // The binary chunk.

@@ -13,6 +13,17 @@ use rebond::texture::{Encoding, SAME_UV, TextureFilter, UvMap, Wrap};
 /// Roughness below which a pane of glass is taken for smooth.
 const SMOOTH: f32 = 0.05;
 
+/// How what wears a material shines.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Shine {
+    /// It does not.
+    Not,
+    /// With one radiance.
+    Evenly(Color),
+    /// The material says it: in the colours of an image.
+    Itself,
+}
+
 /// A reference to a texture: where it stands in the file, and what it says.
 struct TextureAt {
     pointer: String,
@@ -20,25 +31,28 @@ struct TextureAt {
 }
 
 impl Importer<'_> {
-    /// The name of a material, and what it emits; the default one if there is no number.
-    pub fn material(&mut self, number: Option<usize>) -> Result<(String, Option<Color>)> {
+    /// The name of a material, and how it shines; the default one if there is no number.
+    pub fn material(&mut self, number: Option<usize>) -> Result<(String, Shine)> {
         // No list is that long.
         let key = number.unwrap_or(usize::MAX);
         if let Some(known) = self.materials.get(&key) {
             return Ok(known.clone());
         }
         let (description, emission, name) = match number {
-            None => (principled(), None, "default".to_string()),
-            Some(n) => self.describe(n)?,
+            None => (principled(), Shine::Not, "default".to_string()),
+            Some(n) => self.describe(n).map_err(|e| self.within(&format!("materials[{n}]"), e))?,
         };
         let name = unused_name(&name, |n| self.scene.materials.contains_key(n));
         self.places.note(format!("materials.{name}"), (0, None));
+        if let Some(n) = number {
+            self.places.name(format!("materials.{name}"), self.named(&format!("materials[{n}]")));
+        }
         self.scene.materials.insert(name.clone(), description);
         self.materials.insert(key, (name.clone(), emission));
         Ok((name, emission))
     }
 
-    fn describe(&mut self, number: usize) -> Result<(MaterialDescription, Option<Color>, String)> {
+    fn describe(&mut self, number: usize) -> Result<(MaterialDescription, Shine, String)> {
         let path = format!("materials[{number}]");
         let Some(material) = self.root.materials.get(number).cloned() else {
             return Err(self.error(&path, "there is no such material"));
@@ -52,7 +66,7 @@ impl Importer<'_> {
         let base_texture = self.texture_at(&format!("{pbr}/baseColorTexture"));
         let base_color = match &base_texture {
             None => Texture::Constant(Color([r, g, b])),
-            Some(t) => Texture::Image(self.image_texture(t, [r, g, b], None, &path)?),
+            Some(t) => Texture::Image(self.image_texture(t, [r, g, b], None)?),
         };
         let mut metallic = material.pbr_metallic_roughness.metallic_factor.0;
         let mut roughness = material.pbr_metallic_roughness.roughness_factor.0;
@@ -114,55 +128,53 @@ impl Importer<'_> {
                 ior,
             }
         };
-        let mut emission = self.emission(number, &path)?;
+        let (mut emission, mut image) = self.emission(number)?;
         if self.at(&extension("unlit")).is_some() {
-            if base_texture.is_some() {
-                self.unsupported(&path, "an unlit image: its mean shines")?;
-            }
-            let shown = match &base_texture {
-                Some(t) => self.mean(t, false)?,
-                None => [1.0; 3],
-            };
+            self.warn(&path, "it is to be unlit: a lamp stands for it, which lights its neighbours");
             description = MaterialDescription::Diffuse { reflectance: Texture::grey(0.0) };
-            emission = Some(Color([r * shown[0], g * shown[1], b * shown[2]]));
+            (emission, image) = (Color([r, g, b]), base_texture.as_ref().map(|t| self.raw_texture(t)).transpose()?);
         }
+        let shines = emission.0 != [0.0; 3];
         if let Some(t) = self.texture_at(&format!("{own}/normalTexture")) {
             let scale = self.number(&format!("{own}/normalTexture/scale")).unwrap_or(1.0);
-            let normal_map = ImageTexture { encoding: Encoding::Linear, ..self.raw_texture(&t, &path)? };
+            let normal_map = ImageTexture { encoding: Encoding::Linear, ..self.raw_texture(&t)? };
             description = MaterialDescription::NormalMap { normal_map, scale, material: inline(description) };
         }
         if material.double_sided && transmission == 0.0 {
             description = MaterialDescription::TwoSided { front: inline(description), back: None };
-            if emission.is_some() {
+            if shines {
                 self.warn(&path, "it shines to the side of its normals only");
             }
         }
         let opacity =
-            self.opacity(&material.alpha_mode, material.alpha_cutoff.map_or(0.5, |c| c.0), a, &base_texture, &path)?;
+            self.opacity(&material.alpha_mode, material.alpha_cutoff.map_or(0.5, |c| c.0), a, &base_texture)?;
         if let Some(opacity) = opacity {
             description = MaterialDescription::Mask { opacity, material: inline(description) };
-            if emission.is_some() {
+            if shines {
                 self.unsupported(&path, "light from a surface with holes")?;
-                emission = None;
             }
+            return Ok((description, Shine::Not, name));
         }
-        Ok((description, emission, name))
+        let shine = match image {
+            _ if !shines => Shine::Not,
+            None => Shine::Evenly(emission),
+            Some(radiance) => {
+                description = MaterialDescription::Glow { radiance, scale: emission, material: inline(description) };
+                Shine::Itself
+            }
+        };
+        Ok((description, shine, name))
     }
 
-    fn emission(&mut self, number: usize, path: &str) -> Result<Option<Color>> {
+    /// What it emits, and the image that this multiplies.
+    fn emission(&mut self, number: usize) -> Result<(Color, Option<ImageTexture>)> {
         let own = format!("/materials/{number}");
         let factor = self.numbers::<3>(&format!("{own}/emissiveFactor")).unwrap_or([0.0; 3]);
         let pointer = format!("{own}/extensions/KHR_materials_emissive_strength/emissiveStrength");
         let strength = self.number(&pointer).unwrap_or(1.0);
-        let mut color = factor.map(|c| c * strength);
-        if let Some(t) = self.texture_at(&format!("{own}/emissiveTexture"))
-            && color != [0.0; 3]
-        {
-            self.unsupported(path, "an image that shines: its mean does")?;
-            let mean = self.mean(&t, false)?;
-            color = std::array::from_fn(|c| color[c] * mean[c]);
-        }
-        Ok((color != [0.0; 3]).then_some(Color(color)))
+        let image = self.texture_at(&format!("{own}/emissiveTexture")).filter(|_| factor != [0.0; 3]);
+        let image = image.map(|t| self.raw_texture(&t)).transpose()?;
+        Ok((Color(factor.map(|c| c * strength)), image))
     }
 
     /// How opaque a material is; `None` if it is everywhere.
@@ -172,7 +184,6 @@ impl Importer<'_> {
         cutoff: f32,
         factor: f32,
         base: &Option<TextureAt>,
-        path: &str,
     ) -> Result<Option<Texture>> {
         let passes = |alpha: f32| match mode {
             Checked::Valid(AlphaMode::Mask) => f32::from(u8::from(alpha >= cutoff)),
@@ -193,7 +204,7 @@ impl Importer<'_> {
         if alpha.iter().all(|x| passes(x * factor) >= 1.0) {
             return Ok(None);
         }
-        let mut texture = self.image_texture(t, [1.0; 3], Some(&|x: f32| passes(x * factor).clamp(0.0, 1.0)), path)?;
+        let mut texture = self.image_texture(t, [1.0; 3], Some(&|x: f32| passes(x * factor).clamp(0.0, 1.0)))?;
         if matches!(mode, Checked::Valid(AlphaMode::Mask)) {
             // What is half opaque between texels would be neither.
             texture.filter = TextureFilter::Nearest;
@@ -202,6 +213,19 @@ impl Importer<'_> {
     }
 
     // ---- textures ----
+
+    /// Which set of texture coordinates the images of a material are spread over.
+    pub fn uv_set(&mut self, number: Option<usize>, path: &str) -> Result<u32> {
+        let mut sets = Vec::new();
+        if let Some(material) = number.and_then(|n| self.at(&format!("/materials/{n}"))) {
+            texture_sets(material, &mut sets);
+        }
+        let first = sets.first().copied().unwrap_or(0);
+        if sets.iter().any(|set| *set != first) {
+            self.unsupported(path, format!("images over two sets of texture coordinates: all are over set {first}"))?;
+        }
+        Ok(first)
+    }
 
     /// A reference to a texture, if there is one.
     fn texture_at(&self, pointer: &str) -> Option<TextureAt> {
@@ -262,10 +286,9 @@ impl Importer<'_> {
         t: &TextureAt,
         factor: [f32; 3],
         alpha: Option<&dyn Fn(f32) -> f32>,
-        path: &str,
     ) -> Result<ImageTexture> {
         if alpha.is_none() && factor == [1.0; 3] {
-            return self.raw_texture(t, path);
+            return self.raw_texture(t);
         }
         let number = self.source(t)?;
         let image = self.decoded(t, false)?;
@@ -280,13 +303,14 @@ impl Importer<'_> {
         if pixels.len() != width as usize * height as usize {
             return Err(self.error(&format!("images[{number}]"), "it has no colours"));
         }
+        self.assets.has_room_for(width, height).map_err(|m| self.error(&format!("images[{number}]"), m))?;
         let kind = if alpha.is_some() { "opacity" } else { "color" };
         let image = self.assets.add_image(&format!("image-{number}-{kind}"), Image::from_rgb(width, height, &pixels));
-        self.placed(t, image, path)
+        self.placed(t, image)
     }
 
     /// A texture as it is.
-    fn raw_texture(&mut self, t: &TextureAt, path: &str) -> Result<ImageTexture> {
+    fn raw_texture(&mut self, t: &TextureAt) -> Result<ImageTexture> {
         let number = self.source(t)?;
         let uri = self.root.images.get(number).and_then(|i| i.uri.clone()).filter(|u| !u.starts_with("data:"));
         let file = match uri {
@@ -302,16 +326,12 @@ impl Importer<'_> {
                 self.assets.add_image(&format!("image-{number}"), image)
             }
         };
-        self.placed(t, file, path)
+        self.placed(t, file)
     }
 
     /// Where the image is, how it repeats, and between its texels.
-    fn placed(&mut self, t: &TextureAt, image: String, path: &str) -> Result<ImageTexture> {
+    fn placed(&mut self, t: &TextureAt, image: String) -> Result<ImageTexture> {
         let transform = format!("{}/extensions/KHR_texture_transform", t.pointer);
-        let set = self.number(&format!("{transform}/texCoord")).or(self.number(&format!("{}/texCoord", t.pointer)));
-        if set.is_some_and(|n| n != 0.0) {
-            self.unsupported(path, "a second set of texture coordinates: the first is")?;
-        }
         let sampler = self.root.textures.get(t.texture).and_then(|x| x.sampler).map(|s| s.value());
         let sampler = match sampler {
             Some(n) => match self.root.samplers.get(n) {
@@ -322,14 +342,12 @@ impl Importer<'_> {
         };
         let (s, v, filter) =
             sampler.unwrap_or((Checked::Valid(WrappingMode::Repeat), Checked::Valid(WrappingMode::Repeat), None));
-        if s != v {
-            self.unsupported(path, "an image that repeats otherwise along u than along v")?;
-        }
-        let wrap = match s {
+        let [wrap, along_v] = [s, v].map(|mode| match mode {
             Checked::Valid(WrappingMode::ClampToEdge) => Wrap::Clamp,
             Checked::Valid(WrappingMode::MirroredRepeat) => Wrap::Mirror,
             _ => Wrap::Repeat,
-        };
+        });
+        let wrap_v = (along_v != wrap).then_some(along_v);
         let filter = match filter {
             Some(Checked::Valid(MagFilter::Nearest)) => TextureFilter::Nearest,
             _ => TextureFilter::Bilinear,
@@ -339,7 +357,20 @@ impl Importer<'_> {
         let rotation = self.number(&format!("{transform}/rotation")).unwrap_or(0.0);
         let to_uv = uv_map(offset, rotation, scale);
         let to_uv = (to_uv != SAME_UV).then_some(to_uv);
-        Ok(ImageTexture { image, encoding: Encoding::Auto, wrap, filter, repeat: [1.0; 2], to_uv })
+        Ok(ImageTexture { image, encoding: Encoding::Auto, wrap, wrap_v, filter, repeat: [1.0; 2], to_uv })
+    }
+}
+
+/// The sets that references to textures within a value name; those of images that are not read do not count.
+fn texture_sets(value: &serde_json::Value, sets: &mut Vec<u32>) {
+    let Some(object) = value.as_object() else { return };
+    for (key, inner) in object {
+        if key.ends_with("Texture") && key != "occlusionTexture" && inner.get("index").is_some() {
+            let own = inner.pointer("/extensions/KHR_texture_transform/texCoord").or(inner.get("texCoord"));
+            sets.push(own.and_then(|n| n.as_u64()).map_or(0, |n| n as u32));
+        } else {
+            texture_sets(inner, sets);
+        }
     }
 }
 

@@ -15,8 +15,10 @@
 mod accessor;
 mod materials;
 
+use self::accessor::Numbers;
+use self::materials::Shine;
 use crate::error::Error;
-use crate::import::{Assets, ImportOptions, Imported, Places, Report, free_name, steps};
+use crate::import::{Assets, ImportOptions, Imported, Places, Report, bounds, camera_before, free_name, steps};
 use ::gltf::json::{
     Root,
     camera::Type as CameraType,
@@ -27,13 +29,14 @@ use ::gltf::json::{
 use glam::{DMat4, DQuat, DVec3, DVec4};
 use rebond::scene::SceneDescription;
 use rebond::scene::description::{
-    CameraDescription, Color, EmitterDescription, FovAxis, InstanceDescription, LookAt, MaterialRef, MeshFile,
-    ShapeDescription, Transform, TransformStep,
+    CameraDescription, Color, EmitterDescription, FovAxis, InstanceDescription, MaterialRef, MeshFile,
+    ShapeDescription, Transform,
 };
 use rebond::shape::MeshData;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::rc::Rc;
 
 type Result<T, E = Error> = std::result::Result<T, E>;
 
@@ -41,6 +44,9 @@ type Result<T, E = Error> = std::result::Result<T, E>;
 const DEEPEST: usize = 256;
 /// Nodes of a scene, those that are there twice counted twice.
 const MOST_NODES: usize = 1 << 20;
+/// Numbers that are read and kept, for each byte of the buffers and beyond those: a file may name the same bytes again and again.
+const NUMBERS_PER_BYTE: u64 = 8;
+const MOST_NUMBERS: u64 = 1 << 24;
 /// Height of a film, pixels.
 const HEIGHT: f64 = 540.0;
 
@@ -74,17 +80,22 @@ pub fn read_gltf(bytes: &[u8], file: &str, folder: &Path, options: ImportOptions
         value,
         bin,
         buffers: BTreeMap::new(),
+        accessors: BTreeMap::new(),
         assets: Assets::new(folder, options),
         report: Report { lenient: options.lenient, ..Report::default() },
         scene: SceneDescription::default(),
         places: Places::default(),
         meshes: BTreeMap::new(),
+        shared: BTreeMap::new(),
         materials: BTreeMap::new(),
         images: BTreeMap::new(),
         uses: BTreeMap::new(),
         nodes: 0,
         zeros: 0,
-        has_camera: false,
+        numbers: 0,
+        bytes: bin.map_or(0, |b| b.len() as u64),
+        clips: None,
+        shines: false,
         bounds: [DVec3::INFINITY, DVec3::NEG_INFINITY],
     };
     importer.scene()?;
@@ -144,6 +155,18 @@ struct Primitive {
     bounds: [DVec3; 2],
 }
 
+/// Accessors of positions, normals, texture coordinates and indices, and how those are meant.
+type Made = (usize, Option<usize>, Option<usize>, Option<usize>, u8);
+
+/// The camera that is used, and how far it is said to see.
+struct Clips {
+    path: String,
+    from: DVec3,
+    axis: DVec3,
+    near: f32,
+    far: f32,
+}
+
 struct Importer<'a> {
     file: String,
     root: Root,
@@ -151,20 +174,28 @@ struct Importer<'a> {
     value: Value,
     bin: Option<&'a [u8]>,
     buffers: BTreeMap<usize, Vec<u8>>,
+    accessors: BTreeMap<usize, Rc<Numbers>>,
     assets: Assets,
     report: Report,
     scene: SceneDescription,
     places: Places,
     meshes: BTreeMap<usize, Vec<Primitive>>,
-    /// Names of materials, and what they emit.
-    materials: BTreeMap<usize, (String, Option<Color>)>,
+    /// Meshes by what they are made of.
+    shared: BTreeMap<Made, (String, [DVec3; 2])>,
+    /// Names of materials, and how they shine.
+    materials: BTreeMap<usize, (String, Shine)>,
     images: BTreeMap<(usize, bool), rebond::film::Image>,
     /// How many nodes have a mesh.
     uses: BTreeMap<usize, usize>,
     nodes: usize,
     /// Rows without a buffer so far.
     zeros: u64,
-    has_camera: bool,
+    /// Numbers read and kept, and bytes of buffers, so far.
+    numbers: u64,
+    bytes: u64,
+    clips: Option<Clips>,
+    /// Some surface does.
+    shines: bool,
     bounds: [DVec3; 2],
 }
 
@@ -172,7 +203,45 @@ impl Importer<'_> {
     /// An error about a part of the file, such as `materials[3]`.
     fn error(&self, path: &str, message: impl Into<String>) -> Error {
         let message = message.into();
-        Error::new(if path.is_empty() { message } else { format!("{path}: {message}") }).with_file(self.file.clone())
+        let message = if path.is_empty() { message } else { format!("{}: {message}", self.named(path)) };
+        Error::new(message).with_file(self.file.clone())
+    }
+
+    /// The path of a part, with the name that the file gives to its first element, if it does.
+    fn named(&self, path: &str) -> String {
+        let element = path.split_once(']').and_then(|(element, _)| element.split_once('['));
+        let name = element.and_then(|(list, number)| match list {
+            // As the extension has them.
+            "lights" => self.at(&format!("/extensions/KHR_lights_punctual/lights/{number}/name")),
+            _ => self.at(&format!("/{list}/{number}/name")),
+        });
+        match name.and_then(Value::as_str) {
+            Some(name) if !name.is_empty() => {
+                let name: String = name.chars().filter(|c| !c.is_control()).take(60).collect();
+                format!("{path} (\"{name}\")")
+            }
+            _ => path.to_string(),
+        }
+    }
+
+    /// An error of what that part of the file is made of: says so.
+    fn within(&self, path: &str, error: Error) -> Error {
+        if error.message.starts_with(path) {
+            return error;
+        }
+        Error { message: format!("{}, of {}", error.message, self.named(path)), ..error }
+    }
+
+    /// Counts numbers that are read or kept.
+    fn count(&mut self, path: &str, numbers: u64) -> Result<()> {
+        self.numbers = self.numbers.saturating_add(numbers);
+        let most = self.bytes.saturating_mul(NUMBERS_PER_BYTE).saturating_add(MOST_NUMBERS);
+        if self.numbers <= most {
+            return Ok(());
+        }
+        Err(self.error(path, "the file repeats its numbers more often than is allowed").with_help(format!(
+            "at most {NUMBERS_PER_BYTE} numbers are read and kept for each byte, and {MOST_NUMBERS} more"
+        )))
     }
 
     fn unsupported(&mut self, path: &str, message: impl Into<String>) -> Result<()> {
@@ -202,10 +271,12 @@ impl Importer<'_> {
     }
 
     fn scene(&mut self) -> Result<()> {
-        for name in self.root.extensions_used.clone() {
+        let required = self.root.extensions_required.clone();
+        let optional = self.root.extensions_used.iter().filter(|name| !required.contains(name)).cloned();
+        let all: Vec<(String, &str)> = optional.map(|name| (name, "")).collect();
+        let all = required.into_iter().map(|name| (name, ", which the file requires")).chain(all);
+        for (name, required) in all {
             if !KNOWN.contains(&name.as_str()) {
-                let required =
-                    if self.root.extensions_required.contains(&name) { ", which the file requires" } else { "" };
                 self.unsupported("", format!("the extension {name} is not supported{required}"))?;
             }
         }
@@ -222,11 +293,11 @@ impl Importer<'_> {
         for node in roots {
             self.node(node, DMat4::IDENTITY, &mut Vec::new())?;
         }
-        if !self.has_camera {
-            self.default_camera();
+        match self.clips.take() {
+            Some(clips) => self.check_clips(&clips),
+            None => self.default_camera(),
         }
-        let shines = |s: &ShapeDescription| matches!(s, ShapeDescription::Ply(m) if m.emission.is_some());
-        if self.scene.emitters.is_empty() && !self.scene.shapes.iter().any(shines) {
+        if self.scene.emitters.is_empty() && !self.shines {
             self.warn("", "the file has no light: an even sky of radiance 1 lights it");
             self.scene.emitters.push(EmitterDescription::Constant { radiance: Color([1.0; 3]) });
         }
@@ -252,7 +323,7 @@ impl Importer<'_> {
             self.unsupported(&path, "a skin")?;
         }
         if let Some(mesh) = mesh {
-            self.mesh(mesh, m)?;
+            self.mesh(mesh, m, &path)?;
         }
         if let Some(camera) = camera {
             self.camera(camera, m)?;
@@ -271,7 +342,16 @@ impl Importer<'_> {
 
     // ---- meshes ----
 
-    fn mesh(&mut self, number: usize, m: DMat4) -> Result<()> {
+    fn mesh(&mut self, number: usize, m: DMat4, node: &str) -> Result<()> {
+        if m.determinant() == 0.0 {
+            let [x, y, z] = [m.x_axis, m.y_axis, m.z_axis].map(|v| v.truncate());
+            let area = x.cross(y).length() + y.cross(z).length() + z.cross(x).length();
+            return match area > 0.0 {
+                true => self.unsupported(node, "a transform that flattens its mesh"),
+                // A usual way to hide it.
+                false => Ok(()),
+            };
+        }
         let primitives = match self.meshes.get(&number) {
             Some(known) => known.clone(),
             None => {
@@ -287,9 +367,12 @@ impl Importer<'_> {
                 self.bounds = [self.bounds[0].min(corner), self.bounds[1].max(corner)];
             }
         }
-        let mut shapes = Vec::new();
-        for p in primitives {
-            let (material, emission) = self.material(p.material)?;
+        let (mut shapes, mut shines) = (Vec::new(), false);
+        for (i, p) in primitives.into_iter().enumerate() {
+            let of = format!("meshes[{number}].primitives[{i}]");
+            let (material, shine) = self.material(p.material).map_err(|e| self.within(&of, e))?;
+            shines |= shine != Shine::Not;
+            let emission = if let Shine::Evenly(color) = shine { Some(color) } else { None };
             shapes.push(MeshFile {
                 file: p.file,
                 face_normals: false,
@@ -301,23 +384,31 @@ impl Importer<'_> {
             });
         }
         // Several of a kind are stored once; only the world's shapes may shine.
-        let several = self.uses.get(&number).is_some_and(|n| *n > 1) && shapes.iter().all(|s| s.emission.is_none());
+        let several = !shines && self.uses.get(&number).is_some_and(|n| *n > 1);
+        self.shines |= shines;
+        let of = format!("{}, {}", self.named(node), self.named(&format!("meshes[{number}]")));
         if several && !shapes.is_empty() {
             let name = format!("mesh {number}");
             if !self.scene.groups.contains_key(&name) {
+                self.places.note(format!("groups.{name}"), (0, None));
+                self.places.name(format!("groups.{name}"), self.named(&format!("meshes[{number}]")));
                 self.scene.groups.insert(name.clone(), shapes.into_iter().map(ShapeDescription::Ply).collect());
             }
-            self.push(ShapeDescription::Instance(InstanceDescription { group: name, to_world: steps(m) }));
+            self.push(ShapeDescription::Instance(InstanceDescription { group: name, to_world: steps(m) }), of);
         } else {
-            for shape in shapes {
-                self.push(ShapeDescription::Ply(MeshFile { to_world: steps(m), ..shape }));
+            for (i, shape) in shapes.into_iter().enumerate() {
+                let of = format!("{of}, primitives[{i}]");
+                self.push(ShapeDescription::Ply(MeshFile { to_world: steps(m), ..shape }), of);
             }
         }
         Ok(())
     }
 
-    fn push(&mut self, shape: ShapeDescription) {
-        self.places.note(format!("shapes[{}]", self.scene.shapes.len()), (0, None));
+    /// Adds a shape; `of` is what the file calls it.
+    fn push(&mut self, shape: ShapeDescription, of: String) {
+        let path = format!("shapes[{}]", self.scene.shapes.len());
+        self.places.note(path.clone(), (0, None));
+        self.places.name(path, of);
         self.scene.shapes.push(shape);
     }
 
@@ -328,86 +419,118 @@ impl Importer<'_> {
         let mut out = Vec::new();
         for (i, p) in mesh.primitives.clone().into_iter().enumerate() {
             let path = format!("meshes[{number}].primitives[{i}]");
-            let attribute = |wanted: Semantic| p.attributes.get(&Checked::Valid(wanted)).map(|a| a.value());
-            for semantic in p.attributes.keys() {
-                match semantic {
-                    Checked::Valid(
-                        Semantic::Positions | Semantic::Normals | Semantic::Tangents | Semantic::TexCoords(0),
-                    ) => {}
-                    Checked::Valid(Semantic::Colors(0)) => {
-                        let colors = attribute(Semantic::Colors(0));
-                        let white = match colors {
-                            Some(a) => self.accessor(a, &path)?.values.iter().all(|x| *x == 1.0),
-                            None => true,
-                        };
-                        if !white {
-                            self.unsupported(&path, "colours of vertices")?;
-                        }
-                    }
-                    Checked::Valid(Semantic::Joints(_) | Semantic::Weights(_)) => {}
-                    // Sets of texture coordinates that no texture uses do no harm; those that one uses are refused there.
-                    Checked::Valid(Semantic::TexCoords(_)) => {}
-                    Checked::Valid(other) => {
-                        let name = ::gltf::json::mesh::Semantic::to_string(other);
-                        // Names with an underscore are an application's own.
-                        if !name.starts_with('_') {
-                            self.unsupported(&path, format!("the attribute {name}"))?;
-                        }
-                    }
-                    Checked::Invalid => self.unsupported(&path, "an attribute of no known name")?,
-                }
-            }
-            if p.targets.as_ref().is_some_and(|t| !t.is_empty()) {
-                self.warn(&path, "its morph targets are left out");
-            }
-            let Some(positions) = attribute(Semantic::Positions) else {
-                self.unsupported(&path, "a primitive without positions")?;
-                continue;
-            };
-            let positions = self.rows::<3>(positions, &path)?;
-            let normals = attribute(Semantic::Normals).map(|a| self.rows::<3>(a, &path)).transpose()?;
-            let uvs = attribute(Semantic::TexCoords(0)).map(|a| self.rows::<2>(a, &path)).transpose()?;
-            let uvs = uvs.map(|uvs| uvs.into_iter().map(|[u, v]| [u, 1.0 - v]).collect::<Vec<_>>());
-            let count = positions.len();
-            if normals.as_ref().is_some_and(|n| n.len() != count) || uvs.as_ref().is_some_and(|t| t.len() != count) {
-                return Err(self.error(&path, "its attributes are not of one length"));
-            }
-            let order: Vec<u32> = match p.indices {
-                Some(a) => self.indices(a.value(), &path)?,
-                None => (0..count as u32).collect(),
-            };
-            if let Some(bad) = order.iter().find(|i| **i as usize >= count) {
-                return Err(self.error(&path, format!("it names vertex {bad} of {count}")));
-            }
-            let strip = |i: usize| {
-                if i.is_multiple_of(2) {
-                    [order[i], order[i + 1], order[i + 2]]
-                } else {
-                    [order[i + 1], order[i], order[i + 2]]
-                }
-            };
-            let triangles: Vec<[u32; 3]> = match p.mode {
-                Checked::Valid(Mode::Triangles) => order.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect(),
-                Checked::Valid(Mode::TriangleStrip) => (0..order.len().saturating_sub(2)).map(strip).collect(),
-                Checked::Valid(Mode::TriangleFan) => order.windows(2).skip(1).map(|e| [order[0], e[0], e[1]]).collect(),
-                _ => {
-                    self.unsupported(&path, "points or lines")?;
-                    continue;
-                }
-            };
-            if triangles.is_empty() {
-                self.warn(&path, "it has no triangles");
-                continue;
-            }
-            let bounds = positions.iter().fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |b, p| {
-                let p = DVec3::from(p.map(f64::from));
-                if p.is_finite() { [b[0].min(p), b[1].max(p)] } else { b }
-            });
-            let mesh = MeshData { positions, normals, uvs, triangles };
-            let file = self.assets.add_mesh(&format!("mesh-{number}-{i}"), mesh);
-            out.push(Primitive { file, material: p.material.map(|m| m.value()), bounds });
+            out.extend(self.primitive(&p, &path, &format!("mesh-{number}-{i}")).map_err(|e| self.within(&path, e))?);
         }
         Ok(out)
+    }
+
+    /// A primitive, unless it is left out; its mesh, if no other has the same, is called `name`.
+    fn primitive(&mut self, p: &::gltf::json::mesh::Primitive, path: &str, name: &str) -> Result<Option<Primitive>> {
+        let attribute = |wanted: Semantic| p.attributes.get(&Checked::Valid(wanted)).map(|a| a.value());
+        self.check_attributes(p, path)?;
+        if p.targets.as_ref().is_some_and(|t| !t.is_empty()) {
+            self.warn(path, "its morph targets are left out");
+        }
+        let Some(positions) = attribute(Semantic::Positions) else {
+            self.unsupported(path, "a primitive without positions")?;
+            return Ok(None);
+        };
+        let mode = match p.mode {
+            Checked::Valid(Mode::Triangles) => 4,
+            Checked::Valid(Mode::TriangleStrip) => 5,
+            Checked::Valid(Mode::TriangleFan) => 6,
+            _ => {
+                self.unsupported(path, "points or lines")?;
+                return Ok(None);
+            }
+        };
+        let material = p.material.map(|m| m.value());
+        let (normals, indices) = (attribute(Semantic::Normals), p.indices.map(|a| a.value()));
+        let uvs = attribute(Semantic::TexCoords(self.uv_set(material, path)?));
+        let made = (positions, normals, uvs, indices, mode);
+        if let Some((file, bounds)) = self.shared.get(&made).cloned() {
+            return Ok(Some(Primitive { file, material, bounds }));
+        }
+        let Some(mesh) = self.triangles(&made, path)? else {
+            self.warn(path, "it has no triangles");
+            return Ok(None);
+        };
+        let kept = mesh.triangles.len() as u64 * 3 + mesh.positions.len() as u64 * 8;
+        self.count(path, kept)?;
+        let bounds = bounds(mesh.positions.iter());
+        let file = self.assets.add_mesh(name, mesh);
+        self.shared.insert(made, (file.clone(), bounds));
+        Ok(Some(Primitive { file, material, bounds }))
+    }
+
+    fn check_attributes(&mut self, p: &::gltf::json::mesh::Primitive, path: &str) -> Result<()> {
+        for (semantic, accessor) in &p.attributes {
+            match semantic {
+                Checked::Valid(Semantic::Positions | Semantic::Normals | Semantic::Tangents) => {}
+                Checked::Valid(Semantic::Colors(0)) => {
+                    if !self.accessor(accessor.value(), path)?.values.iter().all(|x| *x == 1.0) {
+                        self.unsupported(path, "colours of vertices")?;
+                    }
+                }
+                Checked::Valid(Semantic::Joints(_) | Semantic::Weights(_)) => {}
+                // Sets of texture coordinates that no texture uses do no harm.
+                Checked::Valid(Semantic::TexCoords(_)) => {}
+                Checked::Valid(other) => {
+                    let name = ::gltf::json::mesh::Semantic::to_string(other);
+                    // Names with an underscore are an application's own.
+                    if !name.starts_with('_') {
+                        self.unsupported(path, format!("the attribute {name}"))?;
+                    }
+                }
+                Checked::Invalid => self.unsupported(path, "an attribute of no known name")?,
+            }
+        }
+        Ok(())
+    }
+
+    /// The triangles of those accessors, with the vertices that they use; none if there are none.
+    fn triangles(&mut self, made: &Made, path: &str) -> Result<Option<MeshData>> {
+        let (positions, normals, uvs, indices, mode) = *made;
+        let positions = self.rows(positions, 3, path)?;
+        let normals = normals.map(|a| self.rows(a, 3, path)).transpose()?;
+        let uvs = uvs.map(|a| self.rows(a, 2, path)).transpose()?;
+        let indices = indices.map(|a| self.indices(a, path)).transpose()?;
+        let count = positions.len();
+        if [&normals, &uvs].into_iter().flatten().any(|a| a.len() != count) {
+            return Err(self.error(path, "its attributes are not of one length"));
+        }
+        let every: Vec<u32> = if indices.is_some() { Vec::new() } else { (0..count as u32).collect() };
+        let given = indices.as_ref().map_or(&every, |a| &a.indices);
+        if let Some(bad) = given.iter().find(|i| **i as usize >= count) {
+            return Err(self.error(path, format!("it names vertex {bad} of {count}")));
+        }
+        // Primitives often share vertices of which each uses some: those, in their order.
+        let mut numbers = vec![0; count];
+        given.iter().for_each(|i| numbers[*i as usize] = 1);
+        let used: Vec<usize> = (0..count).filter(|i| numbers[*i] > 0).collect();
+        (0..).zip(&used).for_each(|(number, i)| numbers[*i] = number);
+        let order: Vec<u32> = given.iter().map(|i| numbers[*i as usize]).collect();
+        let rows = |a: &Numbers| used.iter().map(|i| a.row(*i)).collect();
+        let flipped = |a: &Numbers| used.iter().map(|i| a.row(*i)).map(|[u, v]: [f32; 2]| [u, 1.0 - v]).collect();
+        let mut mesh = MeshData {
+            positions: rows(&positions),
+            normals: normals.as_deref().map(rows),
+            uvs: uvs.as_deref().map(flipped),
+            ..MeshData::default()
+        };
+        let strip = |i: usize| {
+            if i.is_multiple_of(2) {
+                [order[i], order[i + 1], order[i + 2]]
+            } else {
+                [order[i + 1], order[i], order[i + 2]]
+            }
+        };
+        mesh.triangles = match mode {
+            4 => order.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect(),
+            5 => (0..order.len().saturating_sub(2)).map(strip).collect(),
+            _ => order.windows(2).skip(1).map(|e| [order[0], e[0], e[1]]).collect(),
+        };
+        Ok((!mesh.triangles.is_empty()).then_some(mesh))
     }
 
     // ---- cameras and lights ----
@@ -417,7 +540,7 @@ impl Importer<'_> {
         let Some(camera) = self.root.cameras.get(number) else {
             return Err(self.error(&path, "there is no such camera"));
         };
-        if self.has_camera {
+        if self.clips.is_some() {
             self.warn(&path, "a further camera: the first is used");
             return Ok(());
         }
@@ -427,7 +550,7 @@ impl Importer<'_> {
         let axis = |v: DVec4| v.truncate().normalize_or_zero();
         let (x, y, z) = (axis(m.x_axis), axis(m.y_axis), axis(m.z_axis));
         let place = DMat4::from_cols((-x).extend(0.0), y.extend(0.0), (-z).extend(0.0), m.w_axis);
-        let (description, aspect) = match (kind, perspective, orthographic) {
+        let (description, aspect, near, far) = match (kind, perspective, orthographic) {
             (Checked::Valid(CameraType::Perspective), Some(p), _) => {
                 let camera = CameraDescription::Perspective {
                     to_world: steps(place),
@@ -437,7 +560,7 @@ impl Importer<'_> {
                     shutter_open: 0.0,
                     shutter_close: 0.0,
                 };
-                (camera, f64::from(p.aspect_ratio.unwrap_or(16.0 / 9.0)))
+                (camera, f64::from(p.aspect_ratio.unwrap_or(16.0 / 9.0)), 0.0, p.zfar.unwrap_or(f32::INFINITY))
             }
             (Checked::Valid(CameraType::Orthographic), _, Some(o)) => {
                 let scale = DMat4::from_scale(DVec3::new(f64::from(o.xmag), f64::from(o.xmag), 1.0));
@@ -446,7 +569,7 @@ impl Importer<'_> {
                     shutter_open: 0.0,
                     shutter_close: 0.0,
                 };
-                (camera, f64::from(o.xmag / o.ymag))
+                (camera, f64::from(o.xmag / o.ymag), o.znear, o.zfar)
             }
             _ => return Err(self.error(&path, "it is neither perspective nor orthographic")),
         };
@@ -455,34 +578,32 @@ impl Importer<'_> {
         }
         (self.scene.film.width, self.scene.film.height) = ((HEIGHT * aspect).round() as u32, HEIGHT as u32);
         self.places.note("camera", (0, None));
+        self.places.name("camera", self.named(&path));
         self.scene.camera = description;
-        self.has_camera = true;
+        self.clips = Some(Clips { path, from: m.w_axis.truncate(), axis: -z, near, far });
         Ok(())
+    }
+
+    /// What a camera is said not to see, but does.
+    fn check_clips(&mut self, clips: &Clips) {
+        let depth = |i: usize| {
+            let pick = |axis: usize| self.bounds[i >> axis & 1][axis];
+            (DVec3::new(pick(0), pick(1), pick(2)) - clips.from).dot(clips.axis)
+        };
+        let (nearest, farthest) =
+            (0..8).map(depth).fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), d| (lo.min(d), hi.max(d)));
+        if farthest > f64::from(clips.far) {
+            self.warn(&clips.path, "what is farther than its zfar is seen too");
+        }
+        if nearest < f64::from(clips.near) {
+            self.warn(&clips.path, "what is nearer than its znear is seen too");
+        }
     }
 
     /// Before the scene, so that all of it is seen.
     fn default_camera(&mut self) {
         self.warn("cameras", "there is no camera: one is put in front of everything");
-        let [lo, hi] = self.bounds;
-        let (center, radius) = if lo.is_finite() && hi.is_finite() {
-            ((lo + hi) / 2.0, (hi - lo).length() / 2.0)
-        } else {
-            (DVec3::ZERO, 1.0)
-        };
-        let radius = radius.max(1e-6);
-        let distance = 1.05 * radius / 20.0_f64.to_radians().sin();
-        let origin = center + DVec3::new(0.3, 0.25, 1.0).normalize() * distance;
-        let vector = |v: DVec3| v.as_vec3().to_array();
-        let look_at = LookAt { origin: vector(origin), target: vector(center), up: [0.0, 1.0, 0.0] };
-        self.scene.camera = CameraDescription::Perspective {
-            to_world: Transform(vec![TransformStep { look_at: Some(look_at), ..TransformStep::default() }]),
-            fov: 40.0,
-            fov_axis: FovAxis::Smaller,
-            near_clip: 0.0,
-            shutter_open: 0.0,
-            shutter_close: 0.0,
-        };
-        (self.scene.film.width, self.scene.film.height) = (960, 540);
+        (self.scene.camera, [self.scene.film.width, self.scene.film.height]) = camera_before(self.bounds);
     }
 
     fn light(&mut self, number: u64, m: DMat4) -> Result<()> {
@@ -520,7 +641,9 @@ impl Importer<'_> {
             }
             other => return self.unsupported(&path, format!("a light of type \"{other}\"")),
         };
-        self.places.note(format!("emitters[{}]", self.scene.emitters.len()), (0, None));
+        let part = format!("emitters[{}]", self.scene.emitters.len());
+        self.places.note(part.clone(), (0, None));
+        self.places.name(part, self.named(&path));
         self.scene.emitters.push(emitter);
         Ok(())
     }

@@ -1,4 +1,4 @@
-//! Wavefront OBJ: its polygons; groups, materials, lines and curves are passed over.
+//! Wavefront OBJ: its polygons, and which material they wear; groups, lines and curves are passed over.
 //! Alias Wavefront, "Advanced Visualizer manual", appendix B1: Object files.
 //!
 //! Own code, since no kept crate does this part well: `tobj` mixes up normals once some faces have none, splits vertices
@@ -13,27 +13,52 @@ use std::collections::HashMap;
 /// Where some faces have normals, those without get their geometric one; where some have texture coordinates, the
 /// others get (0, 0).
 pub fn read_obj(bytes: &[u8], name: &str) -> Result<MeshData, Error> {
-    let mut file = File::default();
-    for (number, line) in bytes.split(|&b| b == b'\n').enumerate() {
-        let line = String::from_utf8_lossy(line);
-        file.line(&line).map_err(|(word, message)| {
-            // The word is a part of the line, hence the difference of their addresses its place.
-            let start = (word.as_ptr() as usize).saturating_sub(line.as_ptr() as usize);
-            let column = line.get(..start).map_or(1, |before| before.chars().count() + 1);
-            let place = Place {
-                line: number + 1,
-                column,
-                width: word.chars().count().max(1),
-                source_line: line.trim_end().to_string(),
-            };
-            Error { place: Some(Box::new(place)), ..Error::new(message) }.with_file(name)
-        })?;
+    File::read(bytes, name).map(File::mesh)
+}
+
+/// What a file asks for by name, and where.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Named {
+    pub name: String,
+    pub place: Place,
+}
+
+/// An OBJ file by materials.
+#[derive(Debug)]
+pub(crate) struct Parts {
+    /// Files of materials.
+    pub libraries: Vec<Named>,
+    /// Faces of one material each, in the order in which those are first used.
+    pub parts: Vec<(Option<Named>, MeshData)>,
+}
+
+/// Reads the meshes of a file, one for each material.
+pub(crate) fn read_obj_parts(bytes: &[u8], name: &str) -> Result<Parts, Error> {
+    let mut file = File::read(bytes, name)?;
+    let corners = std::mem::take(&mut file.corners);
+    let mut ranges: Vec<(Option<Named>, Vec<[Corner; 3]>)> = Vec::new();
+    let mut numbers: HashMap<Option<String>, usize> = HashMap::new();
+    let ends = file.uses.iter().skip(1).map(|(first, _)| *first).chain([corners.len()]);
+    for ((first, material), end) in file.uses.iter().zip(ends) {
+        if *first == end {
+            continue;
+        }
+        let number = *numbers.entry(material.as_ref().map(|m| m.name.clone())).or_insert(ranges.len());
+        if number == ranges.len() {
+            ranges.push((material.clone(), Vec::new()));
+        }
+        ranges[number].1.extend_from_slice(&corners[*first..end]);
     }
-    if file.corners.is_empty() {
-        let message = if file.positions.is_empty() { "not an OBJ mesh: it has no vertices" } else { "it has no faces" };
-        return Err(Error::new(message).with_file(name));
-    }
-    Ok(file.mesh())
+    let parts = ranges.into_iter().map(|(material, corners)| (material, file.part(&corners))).collect();
+    Ok(Parts { libraries: file.libraries, parts })
+}
+
+/// The place of a word in its line.
+pub(crate) fn place_in(line: &str, word: &str, number: usize) -> Place {
+    // The word is a part of the line, hence the difference of their addresses its place.
+    let start = (word.as_ptr() as usize).saturating_sub(line.as_ptr() as usize);
+    let column = line.get(..start).map_or(1, |before| before.chars().count() + 1);
+    Place { line: number, column, width: word.chars().count().max(1), source_line: line.trim_end().to_string() }
 }
 
 /// No texture coordinate, no normal.
@@ -42,7 +67,6 @@ const NONE: u32 = u32::MAX;
 /// A vertex of a face: its position, texture coordinate and normal.
 type Corner = [u32; 3];
 
-#[derive(Default)]
 struct File {
     positions: Vec<[f32; 3]>,
     uvs: Vec<[f32; 2]>,
@@ -51,11 +75,42 @@ struct File {
     polygon: Vec<Corner>,
     has_uvs: bool,
     has_normals: bool,
+    libraries: Vec<Named>,
+    /// From which triangle on which material is worn.
+    uses: Vec<(usize, Option<Named>)>,
 }
 
 impl File {
+    fn read(bytes: &[u8], name: &str) -> Result<Self, Error> {
+        let mut file = Self {
+            positions: Vec::new(),
+            uvs: Vec::new(),
+            normals: Vec::new(),
+            corners: Vec::new(),
+            polygon: Vec::new(),
+            has_uvs: false,
+            has_normals: false,
+            libraries: Vec::new(),
+            uses: vec![(0, None)],
+        };
+        for (number, line) in bytes.split(|&b| b == b'\n').enumerate() {
+            let line = String::from_utf8_lossy(line);
+            file.line(&line, number + 1).map_err(|(word, message)| {
+                let place = place_in(&line, word, number + 1);
+                Error { place: Some(Box::new(place)), ..Error::new(message) }.with_file(name)
+            })?;
+        }
+        if file.corners.is_empty() {
+            let message =
+                if file.positions.is_empty() { "not an OBJ mesh: it has no vertices" } else { "it has no faces" };
+            return Err(Error::new(message).with_file(name));
+        }
+        Ok(file)
+    }
+
     /// Reads a line, or says which word of it is wrong and why.
-    fn line<'l>(&mut self, line: &'l str) -> Result<(), (&'l str, String)> {
+    fn line<'l>(&mut self, line: &'l str, number: usize) -> Result<(), (&'l str, String)> {
+        let whole = line;
         let line = line.split('#').next().unwrap_or_default();
         let mut words = line.split_whitespace();
         match words.next() {
@@ -76,6 +131,15 @@ impl File {
                 let order: Vec<u32> = (0..self.polygon.len() as u32).collect();
                 self.corners.extend(fan(&order).map(|t| t.map(|i| self.polygon[i as usize])));
             }
+            // Names may have spaces in them.
+            Some(key @ ("usemtl" | "mtllib")) => {
+                let name = line.trim().get(key.len()..).unwrap_or_default().trim();
+                let named = Named { name: name.to_string(), place: place_in(whole, name, number) };
+                match key {
+                    "usemtl" => self.uses.push((self.corners.len(), Some(named))),
+                    _ => self.libraries.push(named),
+                }
+            }
             _ => {}
         }
         Ok(())
@@ -95,12 +159,19 @@ impl File {
         }
     }
 
-    fn mesh(self) -> MeshData {
-        let all = self.corners.iter();
+    fn mesh(mut self) -> MeshData {
         if !self.has_uvs && !self.has_normals {
-            let triangles = all.map(|t| t.map(|[position, ..]| position)).collect();
+            let triangles = self.corners.iter().map(|t| t.map(|[position, ..]| position)).collect();
             return MeshData { positions: self.positions, triangles, ..MeshData::default() };
         }
+        let corners = std::mem::take(&mut self.corners);
+        self.part(&corners)
+    }
+
+    /// The mesh of some faces, with the vertices that they use.
+    fn part(&self, corners: &[[Corner; 3]]) -> MeshData {
+        let has = |i: usize| corners.iter().flatten().any(|c| c[i] != NONE);
+        let (has_uvs, has_normals) = (has(1), has(2));
         let (mut positions, mut uvs, mut normals) = (Vec::new(), Vec::new(), Vec::new());
         let mut known: HashMap<Corner, u32> = HashMap::new();
         let triangle = |triangle: &[Corner; 3]| {
@@ -113,13 +184,12 @@ impl File {
                     (positions.len() - 1) as u32
                 };
                 match self.normals.get(normal) {
-                    None if self.has_normals => add(geometric_normal(triangle.map(|c| self.positions[c[0] as usize]))),
+                    None if has_normals => add(geometric_normal(triangle.map(|c| self.positions[c[0] as usize]))),
                     normal => *known.entry(corner).or_insert_with(|| add(normal.copied().unwrap_or_default())),
                 }
             })
         };
-        let triangles = all.map(triangle).collect();
-        let (has_uvs, has_normals) = (self.has_uvs, self.has_normals);
+        let triangles = corners.iter().map(triangle).collect();
         MeshData { positions, normals: has_normals.then_some(normals), uvs: has_uvs.then_some(uvs), triangles }
     }
 }

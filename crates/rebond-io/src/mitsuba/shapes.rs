@@ -313,7 +313,7 @@ impl Importer {
         };
         let image = |t: &Texture| matches!(t, Texture::Image(_));
         match description {
-            M::NormalMap { .. } | M::BumpMap { .. } => true,
+            M::Glow { .. } | M::NormalMap { .. } | M::BumpMap { .. } => true,
             M::Mask { opacity, material } => image(opacity) || self.wears_images(material),
             M::TwoSided { front, back } => {
                 self.wears_images(front) || back.as_ref().is_some_and(|b| self.wears_images(b))

@@ -110,7 +110,7 @@ impl Importer {
             file = self.assets.add_image(&format!("{stem} linear"), image);
         }
         let encoding = if raw { Encoding::Linear } else { Encoding::Auto };
-        Ok(ImageTexture { image: file, encoding, wrap, filter, repeat: [1.0; 2], to_uv: Some(to_uv) })
+        Ok(ImageTexture { image: file, encoding, wrap, wrap_v: None, filter, repeat: [1.0; 2], to_uv: Some(to_uv) })
     }
 
     /// Two by two texels, whatever their size is.
@@ -134,6 +134,7 @@ impl Importer {
             image,
             encoding: Encoding::Linear,
             wrap: Wrap::Repeat,
+            wrap_v: None,
             filter: TextureFilter::Nearest,
             repeat: [1.0; 2],
             to_uv: Some(to_uv),

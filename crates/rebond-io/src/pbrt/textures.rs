@@ -192,6 +192,7 @@ impl Importer<'_> {
             image,
             encoding: Encoding::Linear,
             wrap: Wrap::Repeat,
+            wrap_v: None,
             filter: TextureFilter::Nearest,
             repeat: [1.0; 2],
             to_uv: Some(to_uv),
@@ -228,7 +229,7 @@ impl Importer<'_> {
         let (scale, invert) = (self.number(p, "scale", 1.0)?, self.flag(p, "invert", false)?);
         let to_uv = self.mapping(p, at, 1.0)?;
         let to_uv = (to_uv != rebond::texture::SAME_UV).then_some(to_uv);
-        let image = ImageTexture { image, encoding, wrap, filter, repeat: [1.0; 2], to_uv };
+        let image = ImageTexture { image, encoding, wrap, wrap_v: None, filter, repeat: [1.0; 2], to_uv };
         let own = if invert { [-scale, 1.0] } else { [scale, 0.0] };
         Ok(Picture { gamma, mean: float, own, cut: !float, ..Picture::of(image) })
     }

@@ -6,12 +6,14 @@
 mod blur;
 mod emission;
 mod environment;
+mod glow;
 mod light_list;
 mod light_sampler;
 mod light_tree;
 
 pub use emission::{Emission, EmissionPdf};
 pub use environment::{Environment, EnvironmentImage};
+pub use glow::{Glow, Picture};
 pub use light_sampler::{LightChoice, LightSampler};
 
 use crate::math::{Frame, Keyframes, LUMINANCE, Matrix, Rgb, Vec3};
@@ -167,6 +169,13 @@ impl Emitter {
         c.map(|c| if c == 0.0 { 0.0 } else { f64::from(c) * factor })
     }
 
+    /// Gives a triangle or a parallelogram another radiance.
+    pub fn set_radiance(&mut self, to: [f32; 3]) {
+        if let Self::Triangle { radiance, .. } | Self::Parallelogram { radiance, .. } = self {
+            *radiance = to;
+        }
+    }
+
     /// A sphere, or a point, that holds the emitter at all times of its motion, of its power at the first: what a choice among
     /// emitters knows of one that moves.
     pub fn hull(&self, motion: &[Keyframe]) -> Self {
@@ -301,6 +310,8 @@ pub struct Emitters {
     pub environments: Vec<(u32, Environment)>,
     /// Centre and radius of what infinite emitters shine on.
     sphere: ([f32; 3], f32),
+    /// Images of those that show some.
+    glow: Option<Box<Glow>>,
 }
 
 /// Light from one emitter at a point.
@@ -404,7 +415,12 @@ impl Emitters {
         let present = (0..emitters.len()).fold(0, |bits, i| bits | 1 << kind(i));
         let numbers = (0..emitters.len()).filter(|i| kind(*i) == Kind::Environment as u32).map(|i| i as u32);
         let environments = numbers.zip(environments).collect();
-        Self { table, present, motions: None, capped: false, environments, sphere: ([0.0; 3], 1.0) }
+        Self { table, present, motions: None, capped: false, environments, sphere: ([0.0; 3], 1.0), glow: None }
+    }
+
+    /// The same emitters, some of which show images. Before they move.
+    pub fn glowing(self, glow: Glow) -> Self {
+        Self { glow: Some(Box::new(glow)), ..self }
     }
 
     /// The same emitters, some of which move: `motions` has ranges of their numbers, as they are before any motion. Flat ones
@@ -422,6 +438,9 @@ impl Emitters {
                 if mirrors && matches!(kind, Kind::Triangle | Kind::Parallelogram | Kind::Disk) {
                     // The normal of the edges stays on the side that it is on.
                     self.table.swap(first + 2, first + 3);
+                    if let Some(glow) = &mut self.glow {
+                        glow.swap_edges(emitter);
+                    }
                 }
                 self.table[first + 3].0[3] = f32::from_bits(number as u32 + 1);
             }
@@ -456,6 +475,11 @@ impl Emitters {
         self.capped = true;
     }
 
+    /// Bytes that their images hold.
+    pub(crate) fn image_bytes(&self) -> usize {
+        self.glow.as_ref().map_or(0, |glow| glow.bytes())
+    }
+
     /// How many there are.
     pub fn len(&self) -> usize {
         self.table.len() / RECORDS as usize
@@ -488,10 +512,26 @@ impl Emitters {
         matches!(kind, Kind::Triangle | Kind::Parallelogram | Kind::Sphere | Kind::Disk).then(|| at(1).recip())
     }
 
-    /// Radiance that a surface emitter sends to the side of its normal.
+    /// Radiance that a surface emitter sends to the side of its normal from its point `p`.
     #[inline(always)]
-    pub fn radiance<F: Real>(&self, emitter: F::Index) -> Rgb<F> {
-        Rgb::of_record(self.record(emitter, 0))
+    pub fn radiance_at<F: Real>(&self, emitter: F::Index, p: Vec3<F>, time: F, mask: F::Mask) -> Rgb<F> {
+        let radiance = Rgb::of_record(self.record(emitter, 0));
+        match &self.glow {
+            None => radiance,
+            Some(glow) => radiance * glow.at(emitter, &self.flat(emitter, time), p, mask),
+        }
+    }
+
+    /// The mean of that over the emitter.
+    pub fn mean_radiance(&self, emitter: u32) -> [f32; 3] {
+        let means = self.glow.as_ref().map_or(&[][..], |glow| glow.means());
+        match means.binary_search_by_key(&emitter, |(e, _)| *e) {
+            Ok(i) => means[i].1,
+            Err(_) => {
+                let Record([r, g, b, _]) = self.table[(emitter * RECORDS) as usize];
+                [r, g, b]
+            }
+        }
     }
 
     /// The matrices of lanes whose emitter moves, and which they are.
@@ -601,6 +641,9 @@ impl Emitters {
                 Kind::Environment => self.sample_environment(emitter, u, lanes),
             };
             sample = if single { s } else { EmitterSample::select(lanes, s, sample) };
+        }
+        if let Some(glow) = &self.glow {
+            sample.weight = sample.weight * glow.at(emitter, &self.flat(emitter, time), sample.point, mask);
         }
         sample.weight = sample.weight.masked(mask);
         sample

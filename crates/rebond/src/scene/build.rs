@@ -15,12 +15,12 @@ use crate::bsdf::measured::{Measured, Tables};
 use crate::bsdf::{Bsdf, Lobe, Model, PARAMETERS, SMOOTH, check};
 use crate::camera::{Aperture, Camera, FEWEST_BLADES, MOST_BLADES, Projection};
 use crate::emitter::{
-    Emitter, Emitters, Environment, EnvironmentImage, Keyframe, LightSampler, NO_EMITTER, area_vector,
+    Emitter, Emitters, Environment, EnvironmentImage, Glow, Keyframe, LightSampler, NO_EMITTER, Picture, area_vector,
 };
 use crate::film::{Filter, FilterSettings, Image, LARGEST_SAMPLE};
 use crate::math::{Frame, Keyframes, Rgb};
 use crate::shape::MeshData;
-use crate::texture::{Encoding, SAME_UV, Textures};
+use crate::texture::{Encoding, SAME_UV, Textures, UvMap};
 use glam::{DAffine3, DVec3, Vec3};
 use rebond_bvh::{Accel, BuildOptions, Disk, Geometry, Instance, Sphere};
 use rebond_lanes::{Record, scalar::Index1};
@@ -191,6 +191,18 @@ fn as_it_is(image: &ImageTexture) -> ImageTexture {
     ImageTexture { encoding: Encoding::Linear, ..image.clone() }
 }
 
+/// Where an image lies.
+fn uv_map(path: &str, texture: &ImageTexture) -> Result<UvMap> {
+    if !texture.repeat.iter().all(|r| r.is_finite()) {
+        return Err(BuildError::new(path, "`repeat` is not finite"));
+    }
+    let map = texture.to_uv.unwrap_or(SAME_UV);
+    if !map.as_flattened().iter().all(|x| x.is_finite()) {
+        return Err(BuildError::new(path, "`to_uv` is not finite"));
+    }
+    Ok([0, 1].map(|row| map[row].map(|x| x * texture.repeat[row])))
+}
+
 /// A number in [0, 1].
 fn unit(path: &str, key: &str, x: f32, what: &str) -> Result<f32> {
     number(&format!("{path}.{key}"), x, 0.0..=1.0, &format!("{what}; it lies within [0, 1]"))
@@ -315,6 +327,10 @@ struct Builder<'a> {
     materials: Vec<Record>,
     named: BTreeMap<&'a str, u32>,
     textures: Textures,
+    /// Images of lamps, and which emitters show them, with the factor on them.
+    glow: Textures,
+    glow_images: BTreeMap<String, u32>,
+    pictures: Vec<(Picture, [f32; 3])>,
     measured: Tables,
     /// Model and number of what was measured, by file.
     measured_files: BTreeMap<&'a str, (Model, u32)>,
@@ -350,6 +366,9 @@ impl<'a> Builder<'a> {
             materials: Vec::new(),
             named: BTreeMap::new(),
             textures: Textures::default(),
+            glow: Textures::default(),
+            glow_images: BTreeMap::new(),
+            pictures: Vec::new(),
             measured: Tables::default(),
             measured_files: BTreeMap::new(),
             features: Features::default(),
@@ -419,7 +438,7 @@ impl<'a> Builder<'a> {
 
     /// The number of an image whose values lie within [0, 1].
     fn image_texture(&mut self, path: &str, texture: &ImageTexture, range: &str) -> Result<u32> {
-        let ImageTexture { image: file, encoding, wrap, filter, repeat, to_uv } = texture;
+        let ImageTexture { image: file, encoding, wrap, wrap_v, filter, .. } = texture;
         let path = format!("{path}.image");
         let (size, texels) = self.image(&path, file, *encoding)?;
         let (mut over, mut negative) = (0, 0);
@@ -431,15 +450,8 @@ impl<'a> Builder<'a> {
             let message = format!("{over} texels of \"{file}\" are above 1 and {negative} below 0 or not finite");
             return Err(BuildError::new(path, message).help(range));
         }
-        if !repeat.iter().all(|r| r.is_finite()) {
-            return Err(BuildError::new(path, "`repeat` is not finite"));
-        }
-        let map = to_uv.unwrap_or(SAME_UV);
-        if !map.as_flattened().iter().all(|x| x.is_finite()) {
-            return Err(BuildError::new(path, "`to_uv` is not finite"));
-        }
-        let map = [0, 1].map(|row| map[row].map(|x| x * repeat[row]));
-        Ok(self.textures.add(size, &texels, *wrap, *filter, map))
+        let map = uv_map(&path, texture)?;
+        Ok(self.textures.add(size, &texels, [*wrap, wrap_v.unwrap_or(*wrap)], *filter, map))
     }
 
     fn image(&self, path: &str, file: &str, encoding: Encoding) -> Result<([u32; 2], Vec<[f32; 3]>)> {
@@ -450,6 +462,42 @@ impl<'a> Builder<'a> {
             return Err(BuildError::new(path, format!("\"{file}\" is empty")));
         }
         Ok(([image.width, image.height], texels))
+    }
+
+    /// The parts of a material that shines, and its own path: image, factor, what scatters light.
+    #[expect(clippy::type_complexity)]
+    fn glow(
+        &self,
+        path: &str,
+        material: &'a MaterialRef,
+    ) -> Result<Option<(String, &'a ImageTexture, [f32; 3], &'a MaterialRef)>> {
+        let (place, material) = match material {
+            MaterialRef::Inline(m) => (path.to_owned(), &**m),
+            MaterialRef::Named(name) => match self.description.materials.get(name) {
+                Some(m) => (format!("materials.{name}"), m),
+                None => return Ok(None),
+            },
+        };
+        let MaterialDescription::Glow { radiance, scale, material } = material else { return Ok(None) };
+        let scale = light(&format!("{place}.scale"), *scale)?;
+        Ok(Some((place, radiance, scale, material)))
+    }
+
+    /// The number of an image of light.
+    fn glowing_image(&mut self, path: &str, texture: &ImageTexture, scale: [f32; 3]) -> Result<u32> {
+        let path = format!("{path}.radiance");
+        if let Some(known) = self.glow_images.get(&path) {
+            return Ok(*known);
+        }
+        let (size, texels) = self.image(&format!("{path}.image"), &texture.image, texture.encoding)?;
+        for t in &texels {
+            light(&format!("{path}.image"), Color([0, 1, 2].map(|c| t[c] * scale[c])))?;
+        }
+        let map = uv_map(&path, texture)?;
+        let wrap = [texture.wrap, texture.wrap_v.unwrap_or(texture.wrap)];
+        let number = self.glow.add(size, &texels, wrap, texture.filter, map);
+        self.glow_images.insert(path, number);
+        Ok(number)
     }
 
     fn roughness(&mut self, path: &str, alpha: f32, u: Option<f32>, v: Option<f32>) -> Result<[f32; 2]> {
@@ -620,6 +668,14 @@ impl<'a> Builder<'a> {
                 let inside = self.head(inner)[3];
                 Ok(self.push_material([MASK, inner, texture, inside], [opacity, 0.0, 0.0], [0.0; PARAMETERS]))
             }
+            M::Glow { material, .. } if depth == 0 || path.starts_with("materials.") && depth == 1 => {
+                // A material by itself; that of a shape was taken apart before.
+                self.material_ref(&format!("{path}.material"), material, depth + 1)
+            }
+            M::Glow { .. } => {
+                let error = BuildError::new(path, "a material that shines within another");
+                Err(error.help("make it the outermost material of the shape"))
+            }
             M::NormalMap { normal_map: image, scale, material } => {
                 self.map(NORMAL_MAP, path, "normal_map", image, *scale, material, depth)
             }
@@ -781,12 +837,25 @@ impl<'a> Builder<'a> {
             S::Sphere(s) => (&s.material, s.emission, &s.to_world),
             S::Rectangle(s) | S::Disk(s) | S::Cube(s) => (&s.material, s.emission, &s.to_world),
         };
-        let emission = emission.map(|e| light(&format!("{path}.emission"), e)).transpose()?;
+        let mut emission = emission.map(|e| light(&format!("{path}.emission"), e)).transpose()?;
+        let round = matches!(shape, S::Sphere(_) | S::Disk(_));
+        let mut picture = None;
         let material = match material {
-            Some(m) => self.material_ref(&format!("{path}.material"), m, 0)?,
+            Some(m) => match self.glow(&format!("{path}.material"), m)? {
+                Some((place, image, scale, inner)) => {
+                    if emission.is_some() || round {
+                        let what = if round { "an image on a sphere or a disk that shines" } else { "two emissions" };
+                        let error = BuildError::new(format!("{path}.material"), what);
+                        return Err(error.help("give `emission`, or the material \"glow\" to a mesh or a rectangle"));
+                    }
+                    picture = Some(self.glowing_image(&place, image, scale)?);
+                    emission = Some(scale);
+                    self.material_ref(&format!("{place}.material"), inner, 1)?
+                }
+                None => self.material_ref(&format!("{path}.material"), m, 0)?,
+            },
             None => self.default_material()?,
         };
-        let round = matches!(shape, S::Sphere(_) | S::Disk(_));
         let head = self.head(material);
         if head[0] == MASK {
             if emission.is_some() {
@@ -821,7 +890,7 @@ impl<'a> Builder<'a> {
             let error = BuildError::new(format!("{path}.emission"), "a shape within a group cannot shine");
             return Err(error.help("list lights under [[shapes]]"));
         }
-        let look = Look { path, material, emission };
+        let look = Look { path, material, emission, picture };
         let mut own = Part::default();
         let first_emitter = self.emitters.len() as u32;
         let apart = placement.motion.is_some();
@@ -945,8 +1014,11 @@ impl<'a> Builder<'a> {
         let corner = |i: u32| Vec3::from_slice(&self.vertices[(first + i) as usize].0[..3]);
         let mut area = 0.0_f64;
         let mut emitters = Vec::new();
+        let mut corners = Vec::new();
         for t in &mesh.triangles {
-            let [a, b, c] = if mirrored { [t[0], t[2], t[1]] } else { *t }.map(corner);
+            let order = if mirrored { [t[0], t[2], t[1]] } else { *t };
+            corners.push(order);
+            let [a, b, c] = order.map(corner);
             let (e1, e2) = (b - a, c - a);
             let twice = area_vector(e1, e2).length();
             // A triangle without area, or not finite, is skipped by the rays and must not be drawn as a light either.
@@ -962,7 +1034,8 @@ impl<'a> Builder<'a> {
             // The corner beside the diagonal that the two triangles share, and the ones next to it in the order that
             // the shape's own triangles have.
             let in_order = (mesh.triangles[0] == [0, 1, 2]) != mirrored;
-            let [a, b, c] = if in_order { [1, 2, 0] } else { [1, 0, 2] }.map(corner);
+            corners = vec![if in_order { [1, 2, 0] } else { [1, 0, 2] }];
+            let [a, b, c] = corners[0].map(corner);
             emitters = vec![Emitter::Parallelogram { p: [a, b - a, c - a], radiance }];
         }
         if area > LARGEST_LIGHT {
@@ -972,6 +1045,16 @@ impl<'a> Builder<'a> {
         if area <= 0.0 {
             let error = BuildError::new(format!("{}.emission", look.path), "a light of zero area");
             return Err(error.help("give the shape an extent, or use a point light"));
+        }
+        if let Some(texture) = look.picture {
+            let uvs = mesh.uvs.as_ref().ok_or_else(|| {
+                BuildError::new(format!("{}.material", look.path), "an image that shines on a mesh without uvs")
+            })?;
+            for (emitter, order) in (self.emitters.len() as u32..).zip(&corners) {
+                let [a, b, c] = order.map(|i| uvs[i as usize]);
+                let uv = [a, [b[0] - a[0], b[1] - a[1]], [c[0] - a[0], c[1] - a[1]]];
+                self.pictures.push((Picture { emitter, texture, uv }, radiance));
+            }
         }
         self.emitters.extend(emitters);
         Ok(())
@@ -1187,6 +1270,17 @@ impl<'a> Builder<'a> {
             self.normals = Vec::new();
         }
         let mut known = self.emitters.clone();
+        let triangle = |e: u32| matches!(self.emitters[e as usize], Emitter::Triangle { .. });
+        let glow = (!self.pictures.is_empty())
+            .then(|| Glow::new(std::mem::take(&mut self.glow), self.emitters.len(), &self.pictures, &triangle));
+        if let Some(glow) = &glow {
+            // A lamp may show what none of the points of its mean met: all are asked now and then.
+            let sum = glow.means().iter().fold([0.0; 3], |s: [f32; 3], (_, m)| [0, 1, 2].map(|c| s[c] + m[c]));
+            let least = sum.map(|x| 0.01 * x / glow.means().len() as f32);
+            for (emitter, mean) in glow.means() {
+                known[*emitter as usize].set_radiance([0, 1, 2].map(|c| mean[c].max(least[c])));
+            }
+        }
         for (emitters, motion) in &self.moving {
             for emitter in &mut known[emitters.start as usize..emitters.end as usize] {
                 *emitter = emitter.hull(motion);
@@ -1200,12 +1294,15 @@ impl<'a> Builder<'a> {
         // Where light may meet the lens it must be able to start before it.
         let to_lens = |(at, reach): ([f32; 3], f32)| (Vec3::from(at) - center).length() + reach;
         let reach = camera.lens_bounds().into_iter().map(to_lens).fold(radius, f32::max);
-        let emitters = Emitters::new(&self.emitters, self.environments).moving(&self.moving);
+        let emitters = Emitters::new(&self.emitters, self.environments);
+        let emitters = if let Some(glow) = glow { emitters.glowing(glow) } else { emitters };
+        let emitters = emitters.moving(&self.moving);
         let emitters = emitters.around(center.to_array(), reach * 1.0001);
         let tables = [&primitives, &self.vertices, &self.normals, &self.shapes, &self.analytic, &self.materials];
         let bytes = tables.iter().map(|t| t.len() * size_of::<Record>()).sum::<usize>() + self.textures.bytes();
         let bytes = bytes + self.measured.bytes();
         let bytes = bytes + emitters.environments.iter().map(|(_, e)| e.bytes()).sum::<usize>();
+        let bytes = bytes + emitters.image_bytes();
         statistics.table_bytes = (bytes + light_sampler.bytes()) as u64;
         statistics.warnings = self.warnings;
         let mut scene = Scene {
@@ -1257,6 +1354,8 @@ struct Look<'a> {
     path: &'a str,
     material: u32,
     emission: Option<[f32; 3]>,
+    /// The image that it shines in.
+    picture: Option<u32>,
 }
 
 fn is_similarity(m: &DAffine3) -> bool {

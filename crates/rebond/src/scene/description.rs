@@ -177,6 +177,9 @@ pub struct ImageTexture {
     /// Outside the unit square.
     #[serde(default)]
     pub wrap: Wrap,
+    /// The same along v, if it is otherwise than along u.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub wrap_v: Option<Wrap>,
     /// Between texels.
     #[serde(default)]
     pub filter: TextureFilter,
@@ -466,6 +469,16 @@ pub enum MaterialDescription {
         /// The material where it is opaque.
         material: MaterialRef,
     },
+    /// A material that shines as well, in the colours of an image: of meshes and rectangles, to the side of their normals.
+    Glow {
+        /// Radiance, W·sr⁻¹·m⁻².
+        radiance: ImageTexture,
+        /// Factor on it.
+        #[serde(default = "white_light")]
+        scale: Color,
+        /// How it scatters light.
+        material: MaterialRef,
+    },
     /// A material whose shading normals are those of an image: (2r − 1, 2g − 1, 2b − 1) along ∂p/∂u, ∂p/∂v and the normal.
     NormalMap {
         /// The image; taken as it is.
@@ -493,6 +506,10 @@ pub enum MaterialDescription {
         #[serde(default)]
         back: Option<MaterialRef>,
     },
+}
+
+fn white_light() -> Color {
+    Color([1.0; 3])
 }
 
 fn glass() -> f32 {

@@ -116,7 +116,7 @@ impl Scene {
             e if flags & super::EMITTER_PER_PRIMITIVE != 0 => Some(e + primitive - first_primitive),
             e => Some(e),
         };
-        let emission = emitter.map_or([0.0; 3], |e| self.emitters.radiance::<f32>(Index1(e)).lane(0));
+        let emission = emitter.map_or([0.0; 3], |e| self.emitters.mean_radiance(e));
         // Instances that mirror turn the order of corners; outwards stays outwards.
         let mirrored = matrix.matrix3.determinant() < 0.0;
         let order = |swap: bool| if swap { [0, 2, 1] } else { [0, 1, 2] };

@@ -245,7 +245,10 @@ impl Scene {
             return Rgb::black();
         }
         let lit = mask & surface.is_emitter() & surface.front();
-        if lit.none() { Rgb::black() } else { self.emitters.radiance(surface.emitter).masked(lit) }
+        if lit.none() {
+            return Rgb::black();
+        }
+        self.emitters.radiance_at(surface.emitter, surface.p, surface.time, lit).masked(lit)
     }
 
     /// Density per solid angle with which [`Scene::sample_light`] at `p` would have found this surface.

@@ -49,6 +49,8 @@ pub struct Textures {
 const CLAMP: u32 = 1;
 const NEAREST: u32 = 2;
 const MIRROR: u32 = 4;
+/// The same along v, as flags of u moved by so many bits.
+const ALONG_V: u32 = 4;
 const RECORDS: u32 = 3;
 
 /// Where an image is on a surface: the rows of a matrix that takes (u, v, 1) to the image's own (u, v).
@@ -58,19 +60,32 @@ pub type UvMap = [[f32; 3]; 2];
 pub const SAME_UV: UvMap = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
 
 impl Textures {
-    /// Adds an image (linear RGB, row by row from the top) and returns its number.
-    pub fn add(&mut self, size: [u32; 2], texels: &[[f32; 3]], wrap: Wrap, filter: TextureFilter, map: UvMap) -> u32 {
+    /// Adds an image (linear RGB, row by row from the top) and returns its number. It goes on along u and along v as `wrap` says.
+    pub fn add(
+        &mut self,
+        size: [u32; 2],
+        texels: &[[f32; 3]],
+        wrap: [Wrap; 2],
+        filter: TextureFilter,
+        map: UvMap,
+    ) -> u32 {
         let number = self.table.len() as u32 / RECORDS;
-        let wrap = match wrap {
+        let [along_u, along_v] = wrap.map(|wrap| match wrap {
             Wrap::Repeat => 0,
             Wrap::Clamp => CLAMP,
             Wrap::Mirror => CLAMP | MIRROR,
-        };
-        let flags = wrap | if filter == TextureFilter::Nearest { NEAREST } else { 0 };
+        });
+        let flags = along_u | along_v << ALONG_V | if filter == TextureFilter::Nearest { NEAREST } else { 0 };
         self.table.push(Record::words([self.texels.len() as u32, size[0], size[1], flags]));
         self.table.extend(map.map(|[a, b, c]| Record([a, b, c, 0.0])));
         self.texels.extend(texels.iter().map(|t| Record([t[0], t[1], t[2], 0.0])));
         number
+    }
+
+    /// Width and height of a texture.
+    pub fn size(&self, texture: u32) -> [u32; 2] {
+        let Record([_, width, height, _]) = self.table[(texture * RECORDS) as usize];
+        [width, height].map(f32::to_bits)
     }
 
     /// Whether there are none.
@@ -89,26 +104,28 @@ impl Textures {
         let [start, width, height, flags] = F::record(&self.table, at).map(F::to_bits);
         let [u, v] = self.map(at, uv);
         let flag = |f: u32| (flags & F::Index::splat(f)).ne(F::Index::splat(0));
-        let (clamp, nearest, mirror) = (flag(CLAMP), flag(NEAREST), flag(MIRROR));
-        let wrap = |x: F| {
+        let nearest = flag(NEAREST);
+        let clamp = [flag(CLAMP), flag(CLAMP << ALONG_V)];
+        let mirror = [flag(MIRROR), flag(MIRROR << ALONG_V)];
+        let wrap = |x: F, along: usize| {
             let repeated = x - x.floor();
             // There and back within a period of 2.
             let mirrored = F::one() - ((x * 0.5 - (x * 0.5).floor()) * 2.0 - 1.0).abs();
-            F::select(mirror, mirrored, F::select(clamp, x.clamp(0.0, 1.0), repeated))
+            F::select(mirror[along], mirrored, F::select(clamp[along], x.clamp(0.0, 1.0), repeated))
         };
         let (w, h) = (F::from_index(width), F::from_index(height));
         // Texel centres are at half-integers; the nearest texel is what a bilinear look-up at its centre gives.
         let place = |x: F| F::select(nearest, x.floor(), x - 0.5);
-        let (x, y) = (place(wrap(u) * w), place((F::one() - wrap(v)) * h));
+        let (x, y) = (place(wrap(u, 0) * w), place((F::one() - wrap(v, 1)) * h));
         let (x0, y0) = (x.floor(), y.floor());
         let (fx, fy) = (x - x0, y - y0);
-        let inside = |i: F, n: F| {
+        let inside = |i: F, n: F, along: usize| {
             let around = F::select(i.lt(F::zero()), i + n, F::select(i.ge(n), i - n, i));
             let edge = i.max(F::zero()).min(n - 1.0);
-            F::select(clamp, edge, around.max(F::zero()).min(n - 1.0)).to_index()
+            F::select(clamp[along], edge, around.max(F::zero()).min(n - 1.0)).to_index()
         };
         let texel = |x: F, y: F| {
-            crate::math::Rgb::of_record(F::record(&self.texels, start + inside(y, h) * width + inside(x, w)))
+            crate::math::Rgb::of_record(F::record(&self.texels, start + inside(y, h, 1) * width + inside(x, w, 0)))
         };
         let row = |y: F| texel(x0, y) * (F::one() - fx) + texel(x0 + 1.0, y) * fx;
         row(y0) * (F::one() - fy) + row(y0 + 1.0) * fy
@@ -151,14 +168,14 @@ mod tests {
     #[test]
     fn texels_are_where_they_belong() {
         let mut textures = Textures::default();
-        textures.add([1, 1], &[[9.0; 3]], Wrap::Repeat, TextureFilter::Bilinear, SAME_UV);
+        textures.add([1, 1], &[[9.0; 3]], [Wrap::Repeat; 2], TextureFilter::Bilinear, SAME_UV);
         // 2×2: top row 0, 1; bottom row 2, 3.
         let texels = [0.0, 1.0, 2.0, 3.0].map(|x| [x; 3]);
-        let bilinear = textures.add([2, 2], &texels, Wrap::Repeat, TextureFilter::Bilinear, SAME_UV);
-        let nearest = textures.add([2, 2], &texels, Wrap::Clamp, TextureFilter::Nearest, SAME_UV);
-        let mirrored = textures.add([2, 2], &texels, Wrap::Mirror, TextureFilter::Bilinear, SAME_UV);
+        let bilinear = textures.add([2, 2], &texels, [Wrap::Repeat; 2], TextureFilter::Bilinear, SAME_UV);
+        let nearest = textures.add([2, 2], &texels, [Wrap::Clamp; 2], TextureFilter::Nearest, SAME_UV);
+        let mirrored = textures.add([2, 2], &texels, [Wrap::Mirror; 2], TextureFilter::Bilinear, SAME_UV);
         let quarter_turn = [[0.0, 1.0, 0.0], [-1.0, 0.0, 1.0]];
-        let turned = textures.add([2, 2], &texels, Wrap::Repeat, TextureFilter::Bilinear, quarter_turn);
+        let turned = textures.add([2, 2], &texels, [Wrap::Repeat; 2], TextureFilter::Bilinear, quarter_turn);
         let eval = |t: u32, u: f32, v: f32| textures.eval(Index1(t), [u, v]).r;
         for t in [bilinear, nearest] {
             assert_eq!(
@@ -184,6 +201,23 @@ mod tests {
             }
         }
         assert_eq!(eval(mirrored, 0.0, 0.25), 2.0, "its edge is next to itself");
+        // Each direction in its own way.
+        let both = [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror];
+        let alike = both.map(|w| textures.add([2, 2], &texels, [w; 2], TextureFilter::Bilinear, SAME_UV));
+        for (i, along_u) in both.into_iter().enumerate() {
+            for (j, along_v) in both.into_iter().enumerate() {
+                let mixed = textures.add([2, 2], &texels, [along_u, along_v], TextureFilter::Bilinear, SAME_UV);
+                let eval = |t: u32, u: f32, v: f32| textures.eval(Index1(t), [u, v]).r;
+                for [u, v] in [[-0.6, 0.3], [0.1, 0.95], [1.3, 0.5]] {
+                    assert_eq!(eval(mixed, u, 0.5), eval(alike[i], u, 0.5), "{along_u:?} along u");
+                    assert_eq!(eval(mixed, 0.5, u), eval(alike[j], 0.5, u), "{along_v:?} along v");
+                    let [x, y] = [eval(alike[i], u, 0.5) - 1.5, eval(alike[j], 0.5, v) - 1.5];
+                    // The texels are a plane.
+                    assert!((eval(mixed, u, v) - (1.5 + x + y)).abs() < 1e-5, "({u}, {v})");
+                }
+            }
+        }
+        let eval = |t: u32, u: f32, v: f32| textures.eval(Index1(t), [u, v]).r;
         // A quarter turn about the centre: (u, v) shows what was at (v, 1 − u).
         for (u, v) in [(0.3, 0.4), (0.62, 0.58)] {
             assert!((eval(turned, u, v) - eval(bilinear, v, 1.0 - u)).abs() < 1e-6);

@@ -39,7 +39,7 @@ pub fn see_source<F: Real>(scene: &Scene, source: &Source<F>, lens: [F; 2], time
     let infinite = emitters.is_infinite::<F>(emitter);
     let near = camera.see(emission.o, lens, time);
     let cos = emission.normal.dot(near.w).relu();
-    let value = emitters.radiance(emitter) * (cos / emission.pdf.position.0);
+    let value = emitters.radiance_at(emitter, emission.o, time, mask) * (cos / emission.pdf.position.0);
     let o = offset_from_surface(emission.o, emission.error, emission.normal, near.w);
     let ray = Ray { o: o.array(), d: (near.end - o).array(), tmax: F::one(), time };
     let mut seen = Seen { sight: near, light: value, cos, pdf: F::zero(), back: F::zero(), ray, mask };
