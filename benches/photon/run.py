@@ -56,7 +56,7 @@ def speed(args):
         return statistics.median(r["render_seconds"] for r in runs), runs[-1]
 
     result = {}
-    fill, run = seconds("photon:photons=500000,nearest=1", "1x1", 1)
+    fill, run = seconds("photon:photons=500000,nearest=2", "1x1", 1)
     stored = run["counts"]["photons_stored"]
     result["map"] = {"seconds": fill, "walks_per_second": 500_000 / fill, "stored_per_second": stored / fill}
     for nearest in (50, 500):
