@@ -150,7 +150,7 @@ mod tests {
 
     #[test]
     fn gains_are_worded_both_ways() {
-        assert_eq!(times(3.14), ["3.1 times less error", "3.1 fois moins d'erreur"]);
+        assert_eq!(times(3.12), ["3.1 times less error", "3.1 fois moins d'erreur"]);
         assert_eq!(times(0.05), ["20 times as much error", "20 fois plus d'erreur"]);
     }
 
