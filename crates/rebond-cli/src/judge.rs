@@ -45,6 +45,12 @@ impl Means {
         [sum(&self.mean), sum(&self.variance).sqrt()]
     }
 
+    /// Its light over that of another picture, and the standard error.
+    pub fn over(&self, other: &Self) -> [f64; 2] {
+        let ([a, a_error], [b, b_error]) = (self.total(), other.total());
+        [a / b, (a_error / b).hypot(a * b_error / (b * b))]
+    }
+
     fn estimate(&self) -> Estimate<'_> {
         Estimate { mean: &self.mean, variance: &self.variance, samples: &self.samples }
     }
@@ -53,6 +59,12 @@ impl Means {
     pub fn test(&self, other: &Self, [width, height]: [u32; 2], block: u32, level: f64) -> Welch {
         welch(self.estimate(), other.estimate(), width, height, block, level).expect("pictures of one size")
     }
+}
+
+/// The relMSE that the noise of a picture makes of it as a reference.
+pub fn noise(film: &Film) -> f64 {
+    let of = |v: rebond::film::Value| (0..3).map(|c| v.variance[c] / (v.mean[c].powi(2) + 0.01)).sum::<f64>() / 3.0;
+    film.values().map(of).sum::<f64>() / film.pixels().len() as f64
 }
 
 /// One test per channel, where both pictures know their variance, and there is any.

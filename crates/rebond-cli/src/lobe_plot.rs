@@ -68,7 +68,7 @@ pub fn svg(material: &Material, title: &str, plot: Plot, words: Words) -> String
     let title = title.replace('&', "&amp;").replace('<', "&lt;");
     format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {y:.0}\" width=\"{WIDTH}\" height=\"{y:.0}\" \
-         font-family=\"sans-serif\" font-size=\"13\">\n<rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n\
+         font-family=\"sans-serif\" font-size=\"13\">\n<rect width=\"100%\" height=\"100%\" fill=\"#FFFFFF\"/>\n\
          <text x=\"20\" y=\"26\" font-size=\"16\">{title}</text>\n{body}</svg>\n"
     )
 }
@@ -102,25 +102,32 @@ fn polar(out: &mut String, material: &Material, top: f64, words: Words) -> f64 {
     for r in [0.25, 0.5, 0.75, 1.0] {
         let radius = POLAR_RADIUS * r;
         let arc = if below {
-            format!("<circle cx=\"{cx}\" cy=\"{cy}\" r=\"{radius}\" fill=\"none\" stroke=\"#ddd\"/>")
+            format!(
+                "<circle cx=\"{cx}\" cy=\"{cy}\" r=\"{radius}\" fill=\"none\" stroke=\"#808080\" stroke-opacity=\"0.35\"/>"
+            )
         } else {
             let (x0, x1) = (cx - radius, cx + radius);
-            format!("<path d=\"M{x0} {cy}A{radius} {radius} 0 0 1 {x1} {cy}\" fill=\"none\" stroke=\"#ddd\"/>")
+            format!(
+                "<path d=\"M{x0} {cy}A{radius} {radius} 0 0 1 {x1} {cy}\" fill=\"none\" stroke=\"#808080\" stroke-opacity=\"0.35\"/>"
+            )
         };
         let _ = writeln!(out, "{arc}");
     }
     for t in [-60.0, -30.0, 0.0, 30.0, 60.0] {
         let ((x, y), (tx, ty)) = (place(t, 1.0), place(t, 1.045));
-        let _ = writeln!(out, "<line x1=\"{cx}\" y1=\"{cy}\" x2=\"{x:.1}\" y2=\"{y:.1}\" stroke=\"#ddd\"/>");
         let _ = writeln!(
             out,
-            "<text x=\"{tx:.1}\" y=\"{:.1}\" text-anchor=\"middle\" fill=\"#777\">{:.0}°</text>",
+            "<line x1=\"{cx}\" y1=\"{cy}\" x2=\"{x:.1}\" y2=\"{y:.1}\" stroke=\"#808080\" stroke-opacity=\"0.35\"/>"
+        );
+        let _ = writeln!(
+            out,
+            "<text x=\"{tx:.1}\" y=\"{:.1}\" text-anchor=\"middle\" fill=\"#808080\">{:.0}°</text>",
             ty + 4.0,
             f64::abs(t)
         );
     }
     let (left, right) = (cx - POLAR_RADIUS - 20.0, cx + POLAR_RADIUS + 20.0);
-    let _ = writeln!(out, "<line x1=\"{left}\" y1=\"{cy}\" x2=\"{right}\" y2=\"{cy}\" stroke=\"#333\"/>");
+    let _ = writeln!(out, "<line x1=\"{left}\" y1=\"{cy}\" x2=\"{right}\" y2=\"{cy}\" stroke=\"#000000\"/>");
     let legend = cx + POLAR_RADIUS + 40.0;
     let _ = writeln!(out, "<text x=\"{legend}\" y=\"{:.0}\">{}</text>", top + 20.0, words.radius);
     for (i, (theta, color)) in LIGHTS.into_iter().enumerate() {

@@ -58,6 +58,12 @@ pub fn document(language: &str, title: &str, style: &str, body: &Markup) -> Stri
     page.into_string()
 }
 
+/// A word as a shell reads it.
+pub fn shell(word: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_+.,:=/@%".contains(c);
+    if !word.is_empty() && word.chars().all(plain) { word.into() } else { format!("'{}'", word.replace('\'', "'\\''")) }
+}
+
 /// Bytes as text.
 pub fn base64(bytes: &[u8]) -> String {
     base64::engine::general_purpose::STANDARD.encode(bytes)
@@ -73,4 +79,16 @@ pub fn drawing(svg: &str, alt: &str) -> Markup {
     let at = svg.find("<svg").map_or(0, |i| i + 4);
     let alt = html! { (alt) }.into_string();
     PreEscaped(format!("<svg role=\"img\" aria-label=\"{alt}\"{}", &svg[at..]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shells_read_words_as_they_are() {
+        assert_eq!(shell("path:mode=mis,rr_depth=5"), "path:mode=mis,rr_depth=5");
+        assert_eq!(shell("path:paths=L(S|T)+DE"), "'path:paths=L(S|T)+DE'");
+        assert_eq!(shell("my scene's.toml"), "'my scene'\\''s.toml'");
+    }
 }

@@ -89,7 +89,8 @@ fn label(x: f64) -> String {
     match x.abs() {
         0.0 => "0".into(),
         1e-3..1e6 => format!("{}", (x * 1e6).round() / 1e6),
-        _ => format!("{x:.0e}"),
+        // As many digits as tell neighbours apart.
+        _ => format!("{:e}", format!("{x:.2e}").parse::<f64>().unwrap_or(x)),
     }
 }
 
@@ -131,6 +132,8 @@ impl Chart {
             .y_label_area_size(74)
             .build_cartesian_2d(x, y)?;
         let grey = COLORS[GREY];
+        // There is nothing between whole quantities.
+        let whole = !self.x.log && self.curves.iter().flat_map(|c| &c.points).all(|p| p[0].fract() == 0.0);
         chart
             .configure_mesh()
             .x_desc(self.x.label)
@@ -139,7 +142,7 @@ impl Chart {
             .bold_line_style(grey.mix(0.35))
             .light_line_style(grey.mix(0.12))
             .max_light_lines(4)
-            .x_label_formatter(&|x| label(*x))
+            .x_label_formatter(&|x| if whole && x.fract().abs() > 1e-9 { String::new() } else { label(*x) })
             .y_label_formatter(&|y| label(*y))
             .draw()?;
         for band in &self.bands {
@@ -232,5 +235,6 @@ mod tests {
         let csv = chart(false, &[[0.1, 1.0 / 3.0]]).csv();
         assert!(csv.starts_with("curve,x,y\n\"a, \"\"b\"\" <c>\",0.1,0.3333333333333333\n"), "{csv}");
         assert_eq!([0.0, 1e-9, 0.25, 4096.0, 1e7].map(label), ["0", "1e-9", "0.25", "4096", "1e7"]);
+        assert_eq!([1.5e-4, 2e-4].map(label), ["1.5e-4", "2e-4"]);
     }
 }

@@ -161,7 +161,8 @@ fn tell(scene: &Scene, story: &Story) -> Result<(), Failure> {
         }
         line("contributes", triple(v.contribution))?;
         if let Some(survival) = v.survival {
-            line("roulette", format!("goes on with probability {survival:?}"))?;
+            let outcome = if v.event.is_some() { "goes on" } else { "ended by roulette, would go on" };
+            line("roulette", format!("{outcome} with probability {survival:?}"))?;
         }
         line("goes on", v.event.map_or_else(|| "no".into(), |e| format!("{e:?}").to_lowercase()))?;
     }

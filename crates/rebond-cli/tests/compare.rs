@@ -97,7 +97,7 @@ fn a_comparison_is_a_page_with_all_that_it_says() {
     let alone =
         Command::new(env!("CARGO_BIN_EXE_rebond")).current_dir(folder.path()).args(alone).output().expect("runs");
     assert!(alone.status.success());
-    assert_eq!(image(&folder.path().join("alone.exr")), image(&folder.path().join("out/path.exr")));
+    assert_eq!(image(&folder.path().join("alone.exr")), image(&folder.path().join("out/1-path.exr")));
 
     // The second time the reference is there already, unless the scene, or what makes it, is another.
     let kept = |found: &Value| found["reference"]["cached"] == true;
@@ -140,6 +140,50 @@ fn time_and_error_are_budgets_too() {
     let samples = number(&by_error["integrators"][0]["samples_per_pixel"]);
     // Not at once, and not doubled far beyond what was needed.
     assert!((16.0..4096.0).contains(&samples), "{samples}");
+}
+
+#[test]
+fn the_reference_is_found_where_paths_from_the_eye_miss_the_light() {
+    let folder = temporary();
+    let arguments =
+        ["caustic-mirror", "-i", "path", "--spp", "1", "--size", "12x9", "--reference-spp", "4", "-o", "out"];
+    assert_eq!(json(&folder, &arguments)["reference"]["integrator"], "bidirectional");
+}
+
+#[test]
+fn a_reference_that_a_file_makes_is_not_kept() {
+    let folder = temporary();
+    let solve = ["radiosity", "cornell-box", "--patches", "50", "-o", "box.safetensors", "--quiet"];
+    let solved = Command::new(env!("CARGO_BIN_EXE_rebond")).current_dir(folder.path()).args(solve).output();
+    assert!(solved.expect("runs").status.success());
+    let reference = ["--reference", "radiosity:solution=box.safetensors", "--reference-spp", "4", "-o", "out"];
+    let found =
+        json(&folder, &[&["cornell-box", "-i", "path", "--spp", "1", "--size", "8x8"][..], &reference].concat());
+    assert!(found["reference"]["kept"].is_null(), "{found:#}");
+}
+
+#[test]
+fn each_integrator_has_files_of_its_own() {
+    let folder = temporary();
+    lamp(&folder, "lamp.toml", 4.0);
+    let long = format!("path:paths={}", ["LD*E"; 60].join("|"));
+    let arguments = ["lamp.toml", "-i", "path:paths=LD*E", "-i", "path:paths=LD?E", "-i", &long, "--spp", "1"];
+    let found = json(&folder, &[&arguments[..], &["--reference-spp", "2", "-o", "out"]].concat());
+    let files: Vec<&str> =
+        found["integrators"].as_array().expect("a list").iter().map(|e| e["file"].as_str().expect("a name")).collect();
+    assert!(
+        files[0] == "1-path_paths_LD_E.exr" && files[1] == "2-path_paths_LD_E.exr" && files[2].len() < 90,
+        "{files:?}"
+    );
+    let page = std::fs::read_to_string(folder.path().join("out/index.html")).expect("a page");
+    assert!(
+        page.contains("-i &#39;path:paths=LD*E&#39;") || page.contains("-i 'path:paths=LD*E'"),
+        "quoted for a shell"
+    );
+    let timed = json(&folder, &["lamp.toml", "-i", "path", "--time", "20ms", "--reference-spp", "2", "-o", "timed"]);
+    assert_eq!(timed["integrators"][0]["file"], "1-path.exr");
+    let page = std::fs::read_to_string(folder.path().join("timed/index.html")).expect("a page");
+    assert!(!page.contains("rebond render"));
 }
 
 #[test]

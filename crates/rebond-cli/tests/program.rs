@@ -597,6 +597,13 @@ const ROWS: &[(&str, &[&str])] = &[
     ("vertex connection and merging", &["photons-mirror-vcm.png"]),
 ];
 
+/// The tests of pictures that did not pass, by name.
+fn failed(value: &Value, name: &str) -> Vec<String> {
+    let Some(object) = value.as_object() else { return Vec::new() };
+    let own = (object.get("passes") == Some(&false.into())).then(|| name.to_owned());
+    own.into_iter().chain(object.iter().flat_map(|(key, inner)| failed(inner, &format!("{name}/{key}")))).collect()
+}
+
 /// The lecture's page: every file it names, pictures that commands make again, and numbers as theory has them.
 #[test]
 fn the_lecture_is_a_page_that_needs_nothing_else() {
@@ -677,6 +684,7 @@ fn the_lecture_is_a_page_that_needs_nothing_else() {
             assert!(p > Some(1e-4), "{key}, {way}: {p:?}");
         }
     }
+    assert_eq!(failed(&object["sections"], ""), [""; 0]);
     let direct = &object["sections"]["direct"];
     assert_eq!(
         (&direct["linearity"]["welch"]["passes"], &direct["shadows"]["none_brighter"]),
@@ -752,6 +760,10 @@ fn sections_of_the_lecture_are_chosen_by_name() {
     assert!(words.contains("monte-carlo, ambient-occlusion, direct-errors"), "{words}");
     let output = run(&folder, &["lecture", "--only", "monte-carlo", "-o", "c/index.html"]);
     assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
+    // A README that is of no book stays.
+    std::fs::write(folder.path().join("README.md"), "mine").expect("a file");
+    let output = run(&folder, &["lecture", "--only", "camera", "--quality", "draft", "--book", "."]);
+    assert_eq!((output.status.code(), &*bytes(&folder, "README.md")), (Some(2), &b"mine"[..]));
 }
 
 /// What stands between tags, but for code and formulas.

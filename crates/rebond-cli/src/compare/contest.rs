@@ -75,7 +75,12 @@ impl Contender {
     pub fn parse(text: &str, seed: u64) -> Result<Self, Failure> {
         let settings: IntegratorSettings = from_settings(text)?.0;
         let file = text.replace(|c: char| !c.is_ascii_alphanumeric() && !"-_+.".contains(c), "_");
-        Ok(Self { text: text.into(), settings, seed, file })
+        Ok(Self { text: text.into(), settings, seed, file: file.chars().take(80).collect() })
+    }
+
+    /// The same with a number in the name of its files, which may be like another's otherwise.
+    pub fn numbered(self, number: u64) -> Self {
+        Self { file: format!("{number}-{}", self.file), ..self }
     }
 
     /// A film for it.

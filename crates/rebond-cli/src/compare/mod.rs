@@ -38,8 +38,7 @@ pub struct Arguments {
     /// Estimated relative error that each is to reach, such as 0.01.
     #[arg(long, value_parser = positive)]
     error: Option<f64>,
-    /// What they are held to: an image file; an integrator; or `auto`, the one of path and bidirectional that has less noise
-    /// for as many rays.
+    /// What they are held to: an image file; an integrator; or `auto`: bidirectional, or path where that cannot run.
     #[arg(long, default_value = "auto")]
     reference: String,
     /// Samples per pixel of a reference that is made [default: 16 times --spp, at least 1024].
@@ -81,6 +80,8 @@ pub struct Report {
     pub scene: String,
     pub size: [u32; 2],
     pub budget: String,
+    /// Whether `rebond render` makes the same pictures: it spends a time or an error in passes of its own.
+    pub alone: bool,
     pub threads: usize,
     pub reference: Reference,
     pub entries: Vec<Entry>,
@@ -96,8 +97,9 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
     if let Some(twice) = a.integrator.iter().enumerate().find(|(i, text)| a.integrator[..*i].contains(text)) {
         return Err(Failure::usage(format!("the integrator {} is there twice", twice.1), "give each once"));
     }
-    let contenders = (0..).zip(&a.integrator).map(|(k, text)| Contender::parse(text, a.seed.wrapping_add(k)));
-    let mut contenders = contenders.collect::<Result<Vec<_>, _>>()?;
+    let contender = |(k, text): (u64, &String)| Ok(Contender::parse(text, a.seed.wrapping_add(k))?.numbered(k + 1));
+    let contenders = (0..).zip(&a.integrator).map(contender);
+    let mut contenders = contenders.collect::<Result<Vec<_>, Failure>>()?;
     let mut budget = Budget { samples: a.spp, time: a.time, error: a.error, adaptive: false };
     if (a.spp, a.time, a.error) == (None, None, None) {
         budget.samples = Some(DEFAULT_SAMPLES);
@@ -145,6 +147,7 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
         scene: a.scene.clone(),
         size: stage.size(),
         budget: words(&budget),
+        alone: (a.time, a.error) == (None, None),
         threads,
         reference,
         entries,

@@ -63,6 +63,7 @@
     area.style.setProperty("--x", x);
     area.style.setProperty("--y", y);
     area.style.setProperty("--z", z);
+    area.classList.toggle("near", z > 1);
   };
   const zoom = (factor, u, v) => {
     const before = z;
@@ -138,6 +139,8 @@
   }, 700);
   document.addEventListener("keydown", (event) => {
     if (event.target.closest("input, select, textarea") || event.ctrlKey || event.metaKey || event.altKey) return;
+    // Space presses the button that it is on.
+    if (event.key === " " && event.target.closest("button")) return;
     const step = 0.1;
     const moves = { ArrowLeft: [step, 0], ArrowRight: [-step, 0], ArrowUp: [0, step], ArrowDown: [0, -step] };
     if (event.key === "+" || event.key === "=") zoom(1.5, 0.5, 0.5);

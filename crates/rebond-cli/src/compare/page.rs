@@ -1,5 +1,6 @@
 //! The page of a comparison. Pictures lie in it as half floats, so that their exposure can be chosen there (page.js).
 
+use super::contest::Run;
 use super::measure::{Fit, LEVEL, Verdict, colour};
 use super::{Entry, Report};
 use crate::Failure;
@@ -24,6 +25,11 @@ fn short(x: f64) -> String {
         }
         _ => format!("{x:.2e}"),
     }
+}
+
+/// How many there are of something.
+fn counted(n: usize, what: &str) -> String {
+    format!("{n} {what}{}", if n == 1 { "" } else { "s" })
 }
 
 /// A slope, with a minus sign for a hyphen.
@@ -78,6 +84,12 @@ pub fn table(report: &Report) -> Table {
     }
 }
 
+/// As it is read: numbers, which the first column has not, with minus signs for hyphens.
+fn read(mut table: Table) -> Table {
+    table.rows.iter_mut().flat_map(|row| &mut row[1..]).for_each(|cell| *cell = cell.replace('-', "−"));
+    table
+}
+
 /// The error against samples, and against time.
 pub fn charts(report: &Report) -> [Chart; 2] {
     let chart = |k: usize, label: &'static str, title: &str| {
@@ -117,8 +129,9 @@ pub fn charts(report: &Report) -> [Chart; 2] {
 /// The page.
 pub fn html(report: &Report) -> Result<String, Failure> {
     let [width, height] = report.size;
-    let shell = |text: &str| if text.contains(['(', '|', '*', '[']) { format!("'{text}'") } else { text.into() };
-    let names: Vec<String> = report.entries.iter().map(|e| shell(&e.run.contender.text)).collect();
+    let names: Vec<&str> = report.entries.iter().map(|e| &*e.run.contender.text).collect();
+    let alone: Vec<&Run> =
+        report.entries.iter().map(|e| &e.run).filter(|run| report.alone && !run.interrupted).collect();
     let mut views = vec![view("reference", &report.reference.image, &[])?];
     for e in &report.entries {
         let maps = [
@@ -133,15 +146,15 @@ pub fn html(report: &Report) -> Result<String, Failure> {
         header {
             h1 { (report.scene) ": a comparison" }
             p {
-                (names.len()) " integrators, each " (report.budget) ", at " (width) "×" (height) " pixels on "
-                (report.threads) " threads, held to a reference: " (report.reference.story) "."
+                (counted(names.len(), "integrator")) ", each " (report.budget) ", at " (width) "×" (height) " pixels on "
+                (counted(report.threads, "thread")) ", held to a reference: " (report.reference.story) "."
                 @if let Some(what) = &report.reference.biased { " It is biased: " (what) "." }
             }
         }
         main {
             (viewer(report, &views))
             h2 { "Numbers" }
-            (table(report).html())
+            (read(table(report)).html())
             (verdicts(report))
             h2 { "Convergence" }
             p {
@@ -154,11 +167,12 @@ pub fn html(report: &Report) -> Result<String, Failure> {
         }
         footer {
             p { "Made by rebond " (env!("CARGO_PKG_VERSION")) ". Beside this page: the pictures (EXR with their variance, PNG), "
-                "results.json, results.csv and convergence.csv. Each picture alone:" }
-            @for (e, name) in report.entries.iter().zip(&names) {
+                "results.json, results.csv and convergence.csv." @if !alone.is_empty() { " Each picture alone:" } }
+            @for run in alone {
                 p { code {
-                    "rebond render " (report.scene) " -i " (name) " --size " (width) "x" (height) " --spp "
-                    (e.run.samples_per_pixel().round()) " --seed " (e.run.contender.seed)
+                    "rebond render " (page::shell(&report.scene)) " -i " (page::shell(&run.contender.text))
+                    " --size " (width) "x" (height) " --spp " (run.samples_per_pixel().round())
+                    " --seed " (run.contender.seed) " -o " (run.contender.file) ".exr"
                 } }
             }
         }
@@ -265,7 +279,7 @@ fn verdicts(report: &Report) -> Markup {
     html! {
         h2 { "Right, or only less noisy?" }
         p {
-            "Welch's t-test of blocks of pixels (of 8×8, or as many as have 16 384 samples) and of the whole picture, in each "
+            "Welch's t-test of blocks of pixels (of 8×8, or as many as have 16\u{202f}384 samples) and of the whole picture, in each "
             "channel, at a level of " (100.0 * LEVEL) " % in all: can both have one expectation? A verdict “differs” means bias, or "
             "light so rare that the samples have not met it yet."
         }

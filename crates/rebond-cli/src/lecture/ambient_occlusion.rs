@@ -245,7 +245,7 @@ fn experiments(workshop: &Workshop, stage: &Stage, picture: &Image, out: &mut Fi
             [
                 format!("Three curves draw near {expected:.3}: sphere sampling wavers most, cosine sampling least"),
                 format!(
-                    "Trois courbes s'approchent de {expected:.3} : celle de la sphère hésite le plus, celle du cosinus le moins"
+                    "Trois courbes s'approchent de {expected:.3} : celle de la sphère fluctue le plus, celle du cosinus le moins"
                 ),
             ],
         );

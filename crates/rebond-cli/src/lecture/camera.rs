@@ -27,7 +27,7 @@ fn run(workshop: &Workshop) -> Result<Findings, Failure> {
          so edges, blur behind the focus and the streaks of a spinning cube take no work of their own: only samples.",
         "Un pixel est une intégrale sur son aire A, sur la lentille D et sur le temps T d'ouverture de l'obturateur. Chaque chemin tire un \
          point de chacun, de sorte que les bords, le flou hors du plan de mise au point et les traînées d'un cube qui tourne ne \
-         demandent aucun travail propre : seulement des échantillons.",
+         demandent aucun travail particulier : seulement des échantillons.",
     ]);
     let stage = workshop.stage("point-lights", workshop.pick([[32, 24], [320, 240], [640, 480]]))?;
     let mut row = Vec::new();
@@ -48,15 +48,15 @@ fn run(workshop: &Workshop) -> Result<Findings, Failure> {
         row.push(picture);
     }
     out.pictures(row);
-    // Two halves of the samples, apart.
+    // All drawn twice.
     let samples = workshop.pick([16, 64, 256]);
     let halves = [1, 2].map(|seed| workshop.film(&stage, &Shot::new("path", samples).independent(seed)));
     let [first, second] = halves;
     let test = Means::of(&first?.0).test(&Means::of(&second?.0), stage.size(), 8, 0.01);
     let [english, french] = told(&test);
     out.proof([
-        format!("Pixel, lens and shutter drawn anew: {english}: what is blurred is the mean of what is sharp."),
-        format!("Pixel, lentille et obturateur tirés à nouveau : {french} : ce qui est flou est la moyenne de ce qui est net."),
+        format!("Pixel, lens and shutter drawn anew: {english}."),
+        format!("Pixel, lentille et obturateur tirés à nouveau : {french}."),
     ]);
     out.number("anew", of_test(&test));
     Ok(out)

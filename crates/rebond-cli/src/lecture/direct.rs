@@ -198,7 +198,7 @@ fn factors(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
         (
             "le",
             "Le: what the first light sends, I/d², three stops darker",
-            "Le : ce qu'envoie la première lumière, I/d², assombri de trois diaphragmes",
+            "Le : ce qu'envoie la première lumière, I/d², assombri de trois crans",
         ),
         ("v", "V: whether it arrives", "V : si elle arrive"),
         ("bsdf", "f_r cosθ: what is reflected", "f_r cosθ : ce qui est réfléchi"),

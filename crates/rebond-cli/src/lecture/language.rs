@@ -14,6 +14,9 @@ pub enum Language {
 /// Between a number and its unit, or a word and its colon, no line breaks.
 const NO_BREAK: char = '\u{a0}';
 
+/// Between groups of three digits.
+const THIN: char = '\u{202f}';
+
 impl Language {
     /// As HTML names it.
     pub fn name(self) -> &'static str {
@@ -31,17 +34,25 @@ impl Language {
         }
     }
 
-    /// A text as it is set: numbers have minus signs, not hyphens; French has a comma in its numbers, and space before some of its marks.
+    /// A text as it is set: numbers have minus signs, not hyphens, and long ones groups of digits; French has a comma in its numbers, and space before some of its marks.
     pub fn set(self, text: &str) -> String {
         let marks = self.say(["%±", "%±:;?!»"]);
         let mut out = String::with_capacity(text.len());
         let mut rest = text.char_indices().peekable();
         while let Some((at, c)) = rest.next() {
             let next = rest.peek().map(|(_, c)| *c);
+            if c.is_ascii_digit() && ends_group(text, at) {
+                out.push(THIN);
+            }
             out.push(match c {
+                ' ' if is_grouped(text, at) => THIN,
                 ' ' if next.is_some_and(|n| marks.contains(n)) => NO_BREAK,
                 ' ' if text[..at].ends_with('«') => NO_BREAK,
-                '-' if next.is_some_and(|n| n.is_ascii_digit()) && text[..at].ends_with(|c| " ([".contains(c)) => '−',
+                '-' if next.is_some_and(|n| n.is_ascii_digit())
+                    && (at == 0 || text[..at].ends_with(|c| " ([".contains(c))) =>
+                {
+                    '−'
+                }
                 '.' if self == Self::Fr && is_point(text, at) => ',',
                 _ => c,
             });
@@ -67,6 +78,26 @@ impl Language {
     }
 }
 
+/// The digits before a place, and those after it.
+fn digits_around(text: &str, at: usize) -> [usize; 2] {
+    let before = text[..at].len() - text[..at].trim_end_matches(|c: char| c.is_ascii_digit()).len();
+    let after = text[at..].len() - text[at..].trim_start_matches(|c: char| c.is_ascii_digit()).len();
+    [before, after]
+}
+
+/// Whether the digit at this place begins a group of three of a number of five digits and more.
+fn ends_group(text: &str, at: usize) -> bool {
+    let [before, after] = digits_around(text, at);
+    let within_word = |c: char| c.is_alphanumeric() || "._-".contains(c);
+    before > 0 && before + after > 4 && after % 3 == 0 && !text[..at - before].ends_with(within_word)
+}
+
+/// Whether the space at this place stands before the thousands of a number.
+fn is_grouped(text: &str, at: usize) -> bool {
+    let ([before, _], [_, after]) = (digits_around(text, at), digits_around(text, at + 1));
+    (1..=3).contains(&before) && text[at + 1..].starts_with("000") && after == 3
+}
+
 /// Whether the dot at this place stands within a number, and not within a version.
 fn is_point(text: &str, at: usize) -> bool {
     let digits = |c: char| c.is_ascii_digit();
@@ -90,15 +121,50 @@ pub fn told(test: &Welch) -> [String; 2] {
     [
         format!("{below} of {tested} blocks below 1 % by Welch's test, {}", verdict(test)),
         format!(
-            "{below} blocs sur {tested} sous 1 % d'après le test de Welch, {}",
+            "{} sur {tested} sous 1 % d'après le test de Welch, {}",
+            counted(below as u64, "bloc"),
             if agree { "les images s'accordent" } else { "les images diffèrent" }
         ),
     ]
 }
 
+/// How an error compares with another that is `gain` times as large.
+pub fn times(gain: f64) -> [String; 2] {
+    let factor = gain.max(1.0 / gain);
+    let factor = if factor < 9.95 { format!("{factor:.1}") } else { format!("{factor:.0}") };
+    if gain >= 1.0 {
+        [format!("{factor} times less error"), format!("{factor} fois moins d'erreur")]
+    } else {
+        [format!("{factor} times as much error"), format!("{factor} fois plus d'erreur")]
+    }
+}
+
+/// So many, and the noun with the mark of its plural where there are several.
+pub fn counted(n: u64, noun: &str) -> String {
+    format!("{n} {noun}{}", if n < 2 { "" } else { "s" })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn gains_are_worded_both_ways() {
+        assert_eq!(times(3.12), ["3.1 times less error", "3.1 fois moins d'erreur"]);
+        assert_eq!(times(0.05), ["20 times as much error", "20 fois plus d'erreur"]);
+    }
+
+    #[test]
+    fn long_numbers_are_grouped() {
+        for language in [Language::En, Language::Fr] {
+            assert_eq!(language.set("1234567 of 500 000"), "1\u{202f}234\u{202f}567 of 500\u{202f}000");
+            assert_eq!(
+                language.set("4096, r = 60 300, a12345, x 1234 500, rebond 0.1.12345"),
+                "4096, r = 60 300, a12345, x 1234 500, rebond 0.1.12345"
+            );
+        }
+        assert_eq!(Language::Fr.set("12345.123456"), "12\u{202f}345,123456");
+    }
 
     #[test]
     fn french_has_commas_in_numbers_only() {

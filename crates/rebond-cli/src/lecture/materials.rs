@@ -5,6 +5,7 @@ use super::page::Findings;
 use super::workshop::Workshop;
 use crate::Failure;
 use crate::bsdf::open;
+use crate::judge::Means;
 use crate::lobe_plot::{self, ENGLISH, FRENCH, Plot};
 use rebond::bsdf::capture::{CaptureSettings, capture, error};
 use rebond::bsdf::check::Effort;
@@ -118,7 +119,7 @@ fn readings(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
     let size = workshop.pick([[32, 18], [320, 180], [800, 450]]);
     let samples = workshop.pick([4, 48, 256]);
     let mut row = Vec::new();
-    let mut brightness = Vec::new();
+    let (mut brightness, mut means) = (Vec::new(), Vec::new());
     for (scene, caption) in [
         ("phong-60", ["r = 60, sharp window", "r = 60, fenêtre nette"]),
         (
@@ -145,16 +146,22 @@ fn readings(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
             ],
         )?;
         brightness.push(film.mean()[1]);
+        means.push(Means::of(&film));
         row.push(picture);
     }
     out.pictures(row);
-    let [at_60, at_300] = [0, 2].map(|i| 100.0 * (brightness[i + 1] / brightness[i] - 1.0));
+    let [[at_60, off_60], [at_300, off_300]] = [0, 2].map(|i| {
+        let [ratio, off] = means[i + 1].over(&means[i]);
+        [100.0 * (ratio - 1.0), 100.0 * off]
+    });
     out.proof([
         format!(
-            "The brightness of the two readings differs by {at_60:+.2} % for r = 60 and {at_300:+.2} % for r = 300."
+            "The brightness of the two readings differs by {at_60:+.2} ± {off_60:.2} % for r = 60 and {at_300:+.2} ± {off_300:.2} % \
+             for r = 300."
         ),
         format!(
-            "La luminosité des deux lectures diffère de {at_60:+.2} % pour r = 60 et de {at_300:+.2} % pour r = 300."
+            "La luminosité des deux lectures diffère de {at_60:+.2} ± {off_60:.2} % pour r = 60 et de {at_300:+.2} ± {off_300:.2} % \
+             pour r = 300."
         ),
     ]);
     out.number("readings", json!(brightness));
@@ -189,7 +196,7 @@ fn table(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
     out.text([
         "Any material that neither mirrors nor transmits can be tabulated. A table of few angles misses the lobe; a fine one is \
          large. `rebond capture` makes it, and measures what it gets wrong.",
-        "Tout matériau qui n'est ni un miroir ni transparent peut être mis en table. Une table de peu d'angles manque le lobe ; une \
+        "Tout matériau qui n'est ni un miroir ni transparent peut être tabulé. Une table de peu d'angles rate le lobe ; une \
          table fine est grande. `rebond capture` la fait, et mesure ses erreurs.",
     ]);
     let material = open("phong:exponent=20")?;
@@ -237,7 +244,7 @@ fn table(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
     let [first, last] = [errors[0], errors[errors.len() - 1]];
     out.table(
         "materials-table",
-        ["Phong's lobe of exponent 20, tabulated", "Le lobe de Phong d'exposant 20, mis en table"],
+        ["Phong's lobe of exponent 20, tabulated", "Le lobe de Phong d'exposant 20, tabulé"],
         &[
             ["angles θi × φi × θo × φo", "angles θi × φi × θo × φo"],
             ["size", "taille"],

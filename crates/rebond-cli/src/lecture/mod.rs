@@ -131,6 +131,10 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
     if a.list {
         return list(&sections, a.json);
     }
+    if let Some(folder) = a.book.as_deref().filter(|f| f.join("README.md").exists() && !f.join("SUMMARY.md").exists()) {
+        let message = format!("\"{}\" has a README.md that is of no book, and would be overwritten", folder.display());
+        return Err(Failure::usage(message, "give another folder to --book, such as docs/book"));
+    }
     make_folder(&a.output)?;
     a.book.as_deref().map_or(Ok(()), make_folder)?;
     catch_interrupt();

@@ -148,7 +148,7 @@ fn errors(workshop: &Workshop, out: &mut Findings) {
         Chart {
             title: workshop.say([
                 format!("RMS error of {repeats} estimates against the number of samples"),
-                format!("Erreur quadratique moyenne de {repeats} estimations selon le nombre d'échantillons"),
+                format!("Racine de l'erreur quadratique moyenne de {repeats} estimations selon le nombre d'échantillons"),
             ]),
             x: Axis { label: workshop.say(["samples N", "échantillons N"]), log: true, range: None },
             y: Axis { label: workshop.say(["RMS error", "racine de l'erreur quadratique"]), log: true, range: None },
@@ -280,7 +280,7 @@ fn running(workshop: &Workshop, out: &mut Findings) {
         },
         [
             "Three wavering lines that draw near π/4 within a band of width σ/√N",
-            "Trois lignes hésitantes qui s'approchent de π/4 dans une bande de largeur σ/√N",
+            "Trois lignes qui fluctuent et s'approchent de π/4 dans une bande de largeur σ/√N",
         ],
     );
 }

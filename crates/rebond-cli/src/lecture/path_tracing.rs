@@ -2,7 +2,7 @@
 //! roulette, path by path.
 
 use super::Section;
-use super::language::told;
+use super::language::{counted, told};
 use super::page::Findings;
 use super::workshop::{Shot, Stage, Workshop};
 use crate::Failure;
@@ -154,7 +154,7 @@ fn modes(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
         verdicts.push(workshop.say([format!("{mode} against mis: {english}"), format!("{mode} et mis : {french}")]));
         numbers.insert((*mode).into(), of_test(&test));
     }
-    let verdicts = verdicts.join("; ");
+    let verdicts = verdicts.join(workshop.say(["; ", " ; "]));
     out.proof([format!("Block by block, {verdicts}."), format!("Bloc par bloc, {verdicts}.")]);
     out.number("modes", numbers);
     Ok(())
@@ -296,7 +296,7 @@ fn classes(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
 }
 
 fn growing(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
-    out.heading(["What is slow about it", "Ses lenteurs"]);
+    out.heading(["What is slow about it", "Sa lenteur"]);
     out.text([
         "The noise falls with the root of the number of samples only; caustics and what lamps do not see keep it longest.",
         "Le bruit ne décroît que comme la racine du nombre d'échantillons ; les caustiques et ce que les lampes ne voient pas le gardent \
@@ -312,8 +312,8 @@ fn growing(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
             &format!("path-{samples}-spp"),
             [format!("paths per pixel: {samples}"), format!("chemins par pixel : {samples}")],
             [
-                format!("The box of spheres with the noise of {samples} paths per pixel"),
-                format!("La boîte aux sphères avec le bruit de {samples} chemins par pixel"),
+                format!("The box of spheres with the noise of {} per pixel", counted(samples.into(), "path")),
+                format!("La boîte aux sphères avec le bruit de {} par pixel", counted(samples.into(), "chemin")),
             ],
         )?;
         row.push(picture);

@@ -1,10 +1,11 @@
 //! Photons: the map seen directly, final gathering, and vertex connection and merging.
 
 use super::Section;
+use super::language::times;
 use super::page::{Findings, Picture};
 use super::workshop::{Shot, Workshop, png};
 use crate::Failure;
-use crate::judge::Means;
+use crate::judge::{Means, noise};
 use crate::plot::{Axis, Chart, Curve, Legend, Mark};
 use rebond::compare::Pair;
 use rebond::film::{Film, Image};
@@ -122,15 +123,24 @@ fn map(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
         command: None,
     };
     out.pictures(vec![photons, seen, gathered, paths]);
-    let share = |film: &Film| 100.0 * film.mean()[1] / reference.mean()[1];
-    let (seen, gathered) = (share(&seen_film), share(&gathered_film));
+    let reference = Means::of(&reference);
+    let share = |film: &Film| Means::of(film).over(&reference);
+    let [map, gather] = [share(&seen_film), share(&gathered_film)];
+    let [[seen, seen_off], [gathered, gathered_off]] = [map, gather].map(|of| of.map(|x| 100.0 * x));
     out.proof([
-        format!("The map has {seen:.1} % of the light of path tracing, which stores nothing; the gather has {gathered:.1} %."),
         format!(
-            "La carte a {seen:.1} % de la lumière du tracé de chemins, qui ne stocke rien ; la collecte en a {gathered:.1} %."
+            "The map has {seen:.1} ± {seen_off:.1} % of the light of path tracing, which stores nothing; the gather has \
+             {gathered:.1} ± {gathered_off:.1} %. The errors are those of the paths from the eye; the photons are drawn once."
+        ),
+        format!(
+            "La carte a {seen:.1} ± {seen_off:.1} % de la lumière du tracé de chemins, qui ne stocke rien ; la collecte en a \
+             {gathered:.1} ± {gathered_off:.1} %. Ces erreurs sont celles des chemins depuis l'œil ; les photons sont tirés une seule fois."
         ),
     ]);
-    out.number("light_over_path", json!({ "map": seen / 100.0, "gather": gathered / 100.0 }));
+    out.number(
+        "light_over_path",
+        json!({ "map": map[0], "gather": gather[0], "standard_errors": [map[1], gather[1]] }),
+    );
     Ok(())
 }
 
@@ -140,7 +150,7 @@ fn errors(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
     out.text([
         "The Cornell box against path tracing, without the worst 5 % of pixels (the lamp's edge). k grows as the root of the number \
          of photons N, so that the disk shrinks while there are ever more photons in it: the variance falls as 1/k = N^(−1/2), and so \
-         does the disk's area, of which the blur depends. The gather's error hardly depends on the map: it is the noise of its \
+         does the disk's area, on which the blur depends. The gather's error hardly depends on the map: it is the noise of its \
          directions.",
         "La boîte de Cornell comparée au tracé de chemins, sans les 5 % de pixels les pires (le bord de la lampe). k croît comme la \
          racine du nombre de photons N, si bien que le disque rétrécit tout en contenant toujours plus de photons : la variance \
@@ -266,7 +276,7 @@ fn merging(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
         "photons-mirror",
         [
             "Against a long render by vcm, without the worst 0.1 % of pixels; less is better",
-            "Par rapport à une longue image par vcm, sans le 0.1 % de pixels les pires ; moins vaut mieux",
+            "Par rapport à un rendu long par vcm, sans le 0.1 % de pixels les pires ; plus c'est petit, mieux c'est",
         ],
         &[
             ["estimator", "estimateur"],
@@ -279,26 +289,25 @@ fn merging(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
     );
     let [path, both_ends, vcm] = [found[0], found[1], found[2]];
     let gain = |of: (f64, f64)| of.0 * of.1 / (vcm.0 * vcm.1);
+    let [[than_path, que_path], [than_both, que_both]] = [path, both_ends].map(|of| times(gain(of)));
+    let noise = noise(&reference);
     // Where all find everything they must find the same.
     let small = workshop.stage("cornell-spheres", workshop.pick([[16, 16], [64, 64], [96, 96]]))?;
     let many = workshop.pick([64, 128, 512]);
-    let of = |integrator, seed, samples| -> Result<[f64; 2], Failure> {
-        Ok(Means::of(&workshop.film(&small, &Shot::new(integrator, samples).independent(seed))?.0).total())
+    let of = |integrator, seed, samples| -> Result<Means, Failure> {
+        Ok(Means::of(&workshop.film(&small, &Shot::new(integrator, samples).independent(seed))?.0))
     };
-    let ([a, a_error], [b, b_error]) = (of("vcm", 31, many)?, of("path", 32, 8 * many)?);
-    let (ratio, off) = (a / b, (a_error / b).hypot(a * b_error / (b * b)));
+    let [ratio, off] = of("vcm", 31, many)?.over(&of("path", 32, 8 * many)?);
     out.proof([
         format!(
-            "In the same time vcm has {:.0} times less error than path tracing here, and {:.0} times less than bidirectional path \
-             tracing. In the box of spheres its light over that of path tracing is {ratio:.4} ± {off:.4}.",
-            gain(path),
-            gain(both_ends)
+            "In the same time vcm has {than_path} than path tracing here, and {than_both} than bidirectional path tracing; each \
+             error includes the reference's own noise, a relMSE of {noise:.3}. In the box of spheres its light over that of path \
+             tracing is {ratio:.4} ± {off:.4}."
         ),
         format!(
-            "À temps égal, vcm a ici {:.0} fois moins d'erreur que le tracé de chemins, et {:.0} fois moins que le tracé bidirectionnel. \
-             Dans la boîte aux sphères, sa lumière divisée par celle du tracé de chemins vaut {ratio:.4} ± {off:.4}.",
-            gain(path),
-            gain(both_ends)
+            "À temps égal, vcm a ici {que_path} que le tracé de chemins, et {que_both} que le tracé bidirectionnel ; chaque erreur \
+             contient celle du bruit de la référence, une relMSE de {noise:.3}. Dans la boîte aux sphères, sa lumière divisée par celle \
+             du tracé de chemins vaut {ratio:.4} ± {off:.4}."
         ),
     ]);
     out.number(

@@ -4,6 +4,7 @@ use super::Section;
 use super::page::Findings;
 use super::workshop::Workshop;
 use crate::Failure;
+use crate::judge::Means;
 use rebond::integrators::RadiositySettings;
 use rebond::integrators::radiosity::{Solution, Solver, Unsolvable, sampler, solve};
 use serde_json::json;
@@ -30,7 +31,7 @@ fn run(workshop: &Workshop) -> Result<Findings, Failure> {
     out.text([
         "All surfaces are diffuse and cut into patches, each of one radiance. The system is solved once; the solution lies on the \
          surfaces, so that any view of it is free. Flat, the patches show; smooth, light is interpolated between their corners.",
-        "Toutes les surfaces sont diffuses et découpées en éléments, chacun d'une seule radiance. Le système est résolu une fois ; la \
+        "Toutes les surfaces sont diffuses et découpées en éléments, chacun de radiance constante. Le système est résolu une fois ; la \
          solution repose sur les surfaces, si bien que toute vue en est gratuite. Sans interpolation, on voit les éléments ; avec, la \
          lumière est interpolée entre leurs coins.",
     ]);
@@ -78,13 +79,16 @@ fn views(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
         ],
     )?;
     out.pictures(vec![flat, smooth, paths]);
-    let ratio = by_patches.mean()[1] / by_paths.mean()[1];
-    let percent = 100.0 * ratio;
+    let [ratio, off] = Means::of(&by_patches).over(&Means::of(&by_paths));
+    let [percent, points] = [ratio, off].map(|x| 100.0 * x);
     out.proof([
-        format!("Its light is {percent:.2} % of that of path tracing, which knows no patches."),
-        format!("Sa lumière est {percent:.2} % de celle du tracé de chemins, qui ne connaît pas d'éléments."),
+        format!("Its light is {percent:.2} ± {points:.2} % of that of path tracing, which knows no patches."),
+        format!(
+            "Sa lumière vaut {percent:.2} ± {points:.2} % de celle du tracé de chemins, qui ne connaît pas d'éléments."
+        ),
     ]);
     out.number("over_path", ratio);
+    out.number("standard_error", off);
     Ok(())
 }
 
@@ -141,7 +145,7 @@ fn relit(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
         ),
         format!(
             "Par rapport à une solution refaite sous la lampe bleue, par Gauss et Seidel, aucun élément ne s'écarte de plus de {off:.1e} \
-             fois le plus clair."
+             fois la radiance du plus clair."
         ),
     ]);
     let [r, g, b] = BLUE;

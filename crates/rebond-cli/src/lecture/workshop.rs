@@ -4,6 +4,7 @@ use super::Quality;
 use super::language::Language;
 use super::page::{Findings, Picture};
 use crate::Failure;
+use crate::page::shell;
 use crate::progress::{Progress, is_interrupted};
 use rebond::film::{Film, Image};
 use rebond::integrators::IntegratorSettings;
@@ -194,11 +195,9 @@ impl Workshop {
     ) -> Result<Picture, Failure> {
         let ([width, height], scene) = (stage.size(), &stage.source.name);
         let exposure = if shot.exposure == 0.0 { String::new() } else { format!(" --exposure {}", shot.exposure) };
-        // What a shell would read otherwise.
-        let quote = if shot.integrator.contains(['(', '|', '*']) { "'" } else { "" };
         let command = format!(
-            "rebond render {scene} -i {quote}{}{quote} --size {width}x{height} --spp {} --seed {}{exposure} -o {name}.png",
-            shot.integrator,
+            "rebond render {scene} -i {} --size {width}x{height} --spp {} --seed {}{exposure} -o {name}.png",
+            shell(shot.integrator),
             shot.samples.end,
             self.seed(shot.seed)
         );

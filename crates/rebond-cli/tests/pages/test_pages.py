@@ -93,6 +93,17 @@ class Pages(unittest.TestCase):
             self.assertGreater(len(drawings), 1)
             self.assertTrue(all(drawings))
 
+    def test_words_in_drawings_are_readable_in_the_dark(self):
+        for name in ["compare", "lecture"]:
+            page = self.open(name, colours="dark")
+            script = """[...document.querySelectorAll('svg')].map(svg => {
+                const fill = e => getComputedStyle(e).fill.match(/[0-9]+/g).slice(0, 3).map(Number);
+                return [fill(svg.querySelector('rect')), ...[...svg.querySelectorAll('text')].map(fill)]; })"""
+            for ground, *inks in page.evaluate(script):
+                self.assertGreater(len(inks), 1)
+                for ink in inks:
+                    self.assertGreater(abs(sum(ink) - sum(ground)), 180)
+
     def test_formulas_are_formulas(self):
         page = self.open("lecture")
         heights = page.evaluate("[...document.querySelectorAll('math')].map(m => m.getBoundingClientRect().height)")
@@ -178,8 +189,13 @@ class Pages(unittest.TestCase):
             self.assertEqual(page.locator(".which button[aria-pressed='true']").inner_text()[0], key)
             shots.append(self.pixels(page, ".view.shown .frame"))
         self.assertTrue((shots[0] != shots[1]).any() and (shots[1] != shots[2]).any())
+        page.locator(".view.shown .frame").focus()
         page.keyboard.press(" ")
         self.assertEqual(page.locator(".which button[aria-pressed='true']").inner_text()[0], "4")
+        # A button that has the focus is pressed by it.
+        page.locator(".which button").first.focus()
+        page.keyboard.press(" ")
+        self.assertEqual(page.locator(".which button[aria-pressed='true']").inner_text()[0], "1")
 
     def test_maps_are_shown(self):
         page = self.open("compare")

@@ -109,7 +109,10 @@ fn read(bytes: &[u8], name: &str, raw: bool) -> Result<Image, Error> {
     let tga = || ImageFormat::of_name(name).ok().filter(|f| *f == ImageFormat::Tga);
     let Some(format) = ImageFormat::of_bytes(bytes).or_else(tga) else {
         let message = match ImageFormat::of_name(name) {
-            Ok(format) => format!("not a {} image, nor any other known one", format.name()),
+            Ok(format) => {
+                let article = if format.name().starts_with('O') { "an" } else { "a" };
+                format!("not {article} {} image, nor any other known one", format.name())
+            }
             Err(_) => "not an image of a known format".to_string(),
         };
         let error = Error::new(message).with_help("readable are OpenEXR, Radiance HDR, PFM, PNG, JPEG and TGA");
