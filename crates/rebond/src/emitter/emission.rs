@@ -210,7 +210,7 @@ impl Emitters {
             emission = if lanes.all() { e } else { Emission::select(lanes, e, emission) };
         });
         if let Some(glow) = &self.glow {
-            emission.weight = emission.weight * glow.at(emitter, &self.flat(emitter, time), emission.o, mask);
+            emission.weight *= glow.at(emitter, &self.flat(emitter, time), emission.o, mask);
         }
         emission
     }

@@ -69,7 +69,8 @@ impl Glow {
     /// The edges of an emitter change places.
     pub(super) fn swap_edges(&mut self, emitter: u32) {
         let Record([a, b, c, d]) = &mut self.table[(emitter * RECORDS + 1) as usize];
-        (std::mem::swap(a, c), std::mem::swap(b, d));
+        std::mem::swap(a, c);
+        std::mem::swap(b, d);
     }
 
     /// The texel at a point of an emitter, white if it has no image.

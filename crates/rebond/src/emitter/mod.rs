@@ -643,7 +643,7 @@ impl Emitters {
             sample = if single { s } else { EmitterSample::select(lanes, s, sample) };
         }
         if let Some(glow) = &self.glow {
-            sample.weight = sample.weight * glow.at(emitter, &self.flat(emitter, time), sample.point, mask);
+            sample.weight *= glow.at(emitter, &self.flat(emitter, time), sample.point, mask);
         }
         sample.weight = sample.weight.masked(mask);
         sample
