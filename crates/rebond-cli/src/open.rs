@@ -48,6 +48,10 @@ pub fn run(a: &ConvertArguments) -> Result<(), Failure> {
     let source = open(&a.scene, &a.import, a.quiet)?;
     // What cannot be built is not worth writing.
     source.build()?;
-    let written = convert(&source, &a.out).map_err(|e| Failure::Run(e.message))?;
+    let written = convert(&source, &a.out).map_err(|e| match e.help {
+        // Something else is to be asked for.
+        Some(_) => Failure::from(e),
+        None => Failure::Run(e.to_string()),
+    })?;
     written.iter().try_for_each(|path| answer(&path.display().to_string()))
 }

@@ -540,7 +540,7 @@ const COMMANDS: &[(&[&str], &str, Option<&str>)] = &[
     (&["rendre", "furnace"], "'render'", None),
     (&["diff", "picture.png"], "<IMAGE>", None),
     (&["diff", "picture.png", "none.png"], "cannot read", None),
-    (&["diff", "picture.png", "not.exr"], "not a OpenEXR image", Some("not.exr")),
+    (&["diff", "picture.png", "not.exr"], "not an OpenEXR image", Some("not.exr")),
 ];
 
 #[test]

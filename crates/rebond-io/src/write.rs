@@ -146,7 +146,7 @@ pub fn convert(source: &SceneSource, out: &Path) -> Result<Vec<PathBuf>, Error> 
         if let Some(parent) = path.parent() {
             std::fs::create_dir_all(parent).map_err(cannot)?;
         }
-        std::fs::write(path, bytes).map_err(cannot)
+        replace(path, bytes).map_err(cannot)
     };
     each_file(&mut description, &mut |file: &mut String| {
         if failed.is_some() {
@@ -198,6 +198,28 @@ pub fn convert(source: &SceneSource, out: &Path) -> Result<Vec<PathBuf>, Error> 
     }
     save(out, text.as_bytes())?;
     Ok(written)
+}
+
+/// Writes beside the file and renames: a failure leaves no half of one, and what else has the same bytes by a link keeps them.
+fn replace(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+    let beside = (1_u32..).map(|i| {
+        let mut name = path.as_os_str().to_owned();
+        name.push(format!(".part{i}"));
+        PathBuf::from(name)
+    });
+    for beside in beside {
+        // Not over what is there, whatever it is.
+        let mut file = match std::fs::File::create_new(&beside) {
+            Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => continue,
+            file => file?,
+        };
+        let written = std::io::Write::write_all(&mut file, bytes).and_then(|()| std::fs::rename(&beside, path));
+        if written.is_err() {
+            let _ = std::fs::remove_file(&beside);
+        }
+        return written;
+    }
+    Ok(())
 }
 
 fn same_path(a: &Path, b: &Path) -> bool {
@@ -593,6 +615,17 @@ mod tests {
         }
         let again = SceneSource::open(&at("d.toml")).expect("a scene");
         assert!(convert(&again, &out).is_err());
+        // By another name the scene stays what it is.
+        let text = std::fs::read(&out).expect("the scene");
+        std::fs::hard_link(at("s.xml"), at("linked.toml")).expect("a link");
+        assert_eq!(convert(&source, &folder.path().join("linked.toml")).expect("written").len(), 2);
+        assert_ne!(std::fs::read(at("linked.toml")).expect("a scene"), xml.as_bytes());
+        assert_eq!(std::fs::read(&out).expect("the scene"), text);
+        // Nothing is left of a failure.
+        std::fs::create_dir(at("folder.toml")).expect("a folder");
+        assert!(convert(&source, &folder.path().join("folder.toml")).is_err());
+        let mut names = std::fs::read_dir(folder.path()).expect("a folder").map(|e| e.expect("an entry").file_name());
+        assert!(names.all(|n| !n.to_string_lossy().contains(".part")));
         assert_eq!(std::fs::read_to_string(at("s.xml")).expect("the scene"), xml);
     }
 }

@@ -357,6 +357,8 @@ fn a_megabyte_of_malice_is_refused() {
     assert!(pbrt(&"AttributeBegin ".repeat(70_000)).contains("within each other"));
     assert!(pbrt(&"Shape \"sphere\" \"float phimax\" 9 ".repeat(30_000)).contains("would come to more than"));
     assert!(pbrt(&"Shape \"cylinder\" ".repeat(50_000)).contains("would come to more than"));
+    let many: String = (0..60_000).map(|i| format!("\"float p{i}\" 1 ")).collect();
+    assert!(pbrt(&format!("Shape \"sphere\" {many}")).contains("more than 256 parameters"));
     let image = "Texture \"0\" \"spectrum\" \"imagemap\" \"string filename\" \"parts/quarters.png\" ";
     let scale = |i: usize| {
         let of = format!("\"texture tex\" \"{i}\" \"float scale\" 0.9999");
@@ -366,6 +368,25 @@ fn a_megabyte_of_malice_is_refused() {
         )
     };
     assert_eq!(pbrt(&format!("{image}{}", (0..3000).map(scale).collect::<String>())), "2999 images");
+    // Mixes of mixes: each names the one before twice, and is kept once.
+    let mix = |i: usize| {
+        let made = format!("MakeNamedMaterial \"m{}\" \"string type\" \"mix\" \"string materials\"", i + 1);
+        format!("{made} [\"m{i}\" \"m{i}\"] NamedMaterial \"m{i}\" Shape \"sphere\" ")
+    };
+    for kind in ["diffuse", "dielectric"] {
+        let of = |n: usize| {
+            let mixes: String = (0..n).map(mix).collect();
+            let text = format!(
+                "Camera \"perspective\" WorldBegin MakeNamedMaterial \"m0\" \"string type\" \"{kind}\" {mixes}"
+            );
+            read_pbrt(&text, "a.pbrt", &data(), LENIENT).expect("a scene")
+        };
+        let scene = of(3000);
+        assert!(scene.description.materials.len() <= 6001, "{}", scene.description.materials.len());
+        let error = SceneSource::imported(scene, "a").build().map(|_| ()).expect_err("too deep").message;
+        assert!(error.contains("nested too deeply"), "{error}");
+        SceneSource::imported(of(5), "a").build().unwrap_or_else(|e| panic!("{}", e.snippet()));
+    }
     // glTF: what is said to be there and is not, and nodes that double a thousand times.
     let gltf = |value: &str| match read_gltf(value.as_bytes(), "a.gltf", &data(), LENIENT) {
         Err(e) => e.message,

@@ -2,10 +2,10 @@
 
 mod common;
 
-use common::{Job, LEVEL, film, judge};
+use common::{Job, LEVEL, film, judge, same_materials};
 use rebond::film::Image;
 use rebond::sampling::SamplerSettings;
-use rebond_io::SceneSource;
+use rebond_io::{SceneFiles, SceneSource};
 use std::path::{Path, PathBuf};
 
 /// One pixel for so many of a film that is 540 high.
@@ -80,6 +80,23 @@ fn scenes_are_the_pictures_that_toml_says() {
         }
     }
     assert!(odd.is_empty(), "{}", odd.join("\n"));
+}
+
+/// What pictures of this size do not show: numbers of materials.
+#[test]
+fn scenes_are_made_of_what_toml_says() {
+    let odd = |theirs: &Path, ours: &Path, text: &str| {
+        let folder = ours.parent().expect("a folder").to_path_buf();
+        let twin =
+            SceneSource::parse(text, "twin", "twin", SceneFiles::Folder(folder)).unwrap_or_else(|e| panic!("{e}"));
+        same_materials(&open(theirs).description, &twin.description).err().map(|e| format!("{}: {e}", theirs.display()))
+    };
+    let text = |path: &Path| std::fs::read_to_string(path).expect("a twin");
+    let wrong: Vec<String> = scenes().iter().filter_map(|(_, a, b)| odd(a, b, &text(b))).collect();
+    assert!(wrong.is_empty(), "{wrong:#?}");
+    let (_, theirs, ours) = scenes().into_iter().find(|(name, ..)| name == "coats.gltf").expect("coats");
+    let new = text(&ours).replace("sheen = 0.8", "sheen = 0.4");
+    assert!(new != text(&ours) && odd(&theirs, &ours, &new).is_some(), "less sheen is not noticed");
 }
 
 #[test]

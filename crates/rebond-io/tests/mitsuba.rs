@@ -1,6 +1,9 @@
 //! Mitsuba's scenes: what they say against the same said in TOML, against closed forms, and mistakes at their places. (That the
 //! pictures are Mitsuba's is for `benches/mitsuba/imports.py` to say.)
 
+mod common;
+
+use common::{LEVEL, judge};
 use rebond::film::{Film, FilterSettings};
 use rebond::integrators::IntegratorSettings;
 use rebond::render::{Budget, Engine, Region, render};
@@ -9,7 +12,7 @@ use rebond::scene::SceneDescription;
 use rebond::scene::description::{
     CameraDescription, EmitterDescription, MaterialDescription, MaterialRef, ShapeDescription,
 };
-use rebond_io::{Error, ImportOptions, SceneSource, read_mitsuba};
+use rebond_io::{Error, ImportOptions, SceneFiles, SceneSource, read_mitsuba};
 use std::path::{Path, PathBuf};
 
 fn data() -> PathBuf {
@@ -40,10 +43,14 @@ fn scene(size: [u32; 2], more: &str) -> String {
 }
 
 fn film(source: &SceneSource, samples: u32) -> Film {
+    film_of(source, samples, 1)
+}
+
+fn film_of(source: &SceneSource, samples: u32, seed: u64) -> Film {
     let scene = source.build().unwrap_or_else(|e| panic!("{}", e.snippet()));
     let size = &source.description.film;
     let mut film = Film::new(size.width, size.height);
-    let sampler = Sampler::new(source.description.sampler, 1);
+    let sampler = Sampler::new(source.description.sampler, seed);
     let integrator = source.description.integrator.integrator(&scene, sampler, Engine::Wavefront).expect("settings");
     let budget = Budget { samples: Some(samples), ..Budget::default() };
     let region = Region::whole(size.width, size.height);
@@ -209,6 +216,29 @@ fn lights_are_of_mitsubas_units() {
     }
 }
 
+/// Lamps that show an image, beside the same scene whose meshes say where it lies.
+#[test]
+fn images_shine_as_they_lie() {
+    let theirs = SceneSource::open(&data().join("glow.xml").display().to_string()).expect("a scene");
+    let theirs = film_of(&theirs, 256, 1).develop();
+    let toml = std::fs::read_to_string(data().join("glow.toml")).expect("a scene");
+    let same = |text: &str| {
+        let source = SceneSource::parse(text, "glow.toml", "glow", SceneFiles::Folder(data()))
+            .unwrap_or_else(|e| panic!("{}", e.snippet()));
+        judge(&theirs, &film_of(&source, 256, 2).develop(), 4, LEVEL / 3.0)
+    };
+    same(&toml).unwrap_or_else(|e| panic!("{e}"));
+    for (from, to) in [
+        ("wrap = \"mirror\"", "wrap = \"repeat\""),
+        ("[-0.3, 1]", "[-0.2, 1]"),
+        ("filter = \"nearest\"", "filter = \"bilinear\""),
+        ("encoding = \"linear\", ", ""),
+        ("[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]", "[1, 0], [1, 1], [0, 1], [0, 0], [0, 0]"),
+    ] {
+        assert!(toml.contains(from) && same(&toml.replacen(from, to, 1)).is_err(), "{from} is the same as {to}");
+    }
+}
+
 #[test]
 fn pictures_lie_as_in_mitsuba() {
     // The image's upper left corner is white, its left upper quarter red, the right upper one green, below blue and yellow. v grows
@@ -252,7 +282,7 @@ fn pictures_lie_as_in_mitsuba() {
 #[test]
 fn a_converted_scene_is_the_same_picture() {
     let folder = tempfile::tempdir().expect("a folder");
-    for name in ["shapes", "meshes", "nested", "sky", "wraps", "thin-lens", "glass"] {
+    for name in ["shapes", "glow", "meshes", "nested", "sky", "wraps", "thin-lens", "glass"] {
         let mut source = SceneSource::open(&data().join(format!("{name}.xml")).display().to_string()).expect("a scene");
         (source.description.film.width, source.description.film.height) = (24, 16);
         let out = folder.path().join(format!("{name}.toml"));
@@ -315,10 +345,34 @@ fn mistakes_have_their_places() {
         fails(r#"<bsdf type="twosided" id="a"><ref id="a"/></bsdf><shape type="sphere"><ref id="a"/></shape>"#).1,
         "this bsdf contains itself, or is nested too deeply"
     );
+    let lamp = r#"<emitter type="area"><texture type="bitmap" name="radiance"><string name="filename" value="parts/quarters.png"/></texture></emitter></shape>"#;
+    for round in ["sphere", "disk"] {
+        let what = format!(r#"<shape type="{round}">{lamp}"#);
+        assert_eq!(fails(&what).1, "a bitmap for the \"radiance\" of a light: its mean is");
+        let lenient = ImportOptions { lenient: true, ..ImportOptions::default() };
+        let source = read(&scene([4, 4], &what), lenient).unwrap_or_else(|e| panic!("{}", e.snippet()));
+        assert_eq!(source.warnings[0].column(), Some(if round == "disk" { 41 } else { 43 }));
+        source.build().unwrap_or_else(|e| panic!("{}", e.snippet()));
+    }
     assert_eq!(fails(r#"<include filename="a.xml"/>"#).0, 20);
     assert_eq!(fails(r#"<include filename="../mitsuba.rs"/>"#).0, 20);
     assert_eq!(fails(r#"<shape type="cube"></sphere>"#).1, "not valid XML: expected 'shape' tag, not 'sphere'");
     assert_eq!(fails("words"), say(1, "text means nothing here"));
+}
+
+#[test]
+fn images_shine_on_meshes_that_say_where() {
+    let folder = tempfile::tempdir().expect("a folder");
+    std::fs::copy(data().join("parts/quarters.png"), folder.path().join("quarters.png")).expect("an image");
+    std::fs::write(folder.path().join("bare.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").expect("a mesh");
+    let text = scene(
+        [4, 4],
+        r#"<shape type="obj"><string name="filename" value="bare.obj"/>
+<emitter type="area"><texture type="bitmap" name="radiance"><string name="filename" value="quarters.png"/></texture></emitter></shape>"#,
+    );
+    let scene = read_mitsuba(&text, "a.xml", folder.path(), ImportOptions::default()).expect("a scene");
+    let error = SceneSource::imported(scene, "a").build().map(|_| ()).expect_err("no uvs");
+    assert_eq!((error.line(), &*error.message), (Some(7), "an image that shines on a mesh without uvs"));
 }
 
 #[test]

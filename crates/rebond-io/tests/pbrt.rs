@@ -3,11 +3,11 @@
 
 mod common;
 
-use common::{Job, LEVEL, judge};
+use common::{Job, LEVEL, judge, same_materials};
 use rebond::film::{Film, Image};
 use rebond::render::{Budget, Region, render};
 use rebond::sampling::Sampler;
-use rebond_io::{ImageFormat, PngOptions, SceneSource, write_image};
+use rebond_io::{ImageFormat, PngOptions, SceneFiles, SceneSource, write_image};
 use statrs::distribution::{ContinuousCDF, Normal};
 use std::path::{Path, PathBuf};
 
@@ -15,6 +15,7 @@ const SCENES: &[&str] = &[
     "coats",
     "coordinates",
     "glass",
+    "glow",
     "lights",
     "metals",
     "orthographic",
@@ -113,6 +114,27 @@ fn pictures_are_those_of_the_same_scene() {
         }
     }
     assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+/// What pictures of this size do not show: numbers of materials.
+#[test]
+fn materials_are_those_of_the_same_scene() {
+    let odd = |name: &str, text: &str| {
+        let twin = SceneSource::parse(text, name, name, SceneFiles::Folder(data())).unwrap_or_else(|e| panic!("{e}"));
+        same_materials(&open(name, "pbrt").description, &twin.description).err().map(|e| format!("{name}: {e}"))
+    };
+    let text = |name: &str| std::fs::read_to_string(data().join(format!("{name}.toml"))).expect("a twin");
+    let wrong: Vec<String> = SCENES.iter().filter_map(|name| odd(name, &text(name))).collect();
+    assert!(wrong.is_empty(), "{wrong:#?}");
+    for (name, from, to) in [
+        ("glass", "ext_ior = 1.6727", "ext_ior = 1.6034"),
+        ("coats", "alpha = 0.5", "alpha = 0.25"),
+        ("coats", "\"dielectric\", int_ior = 1.4", "\"dielectric\", int_ior = 1.5"),
+        ("metals", "metal = \"aluminium\"", "metal = \"silver\""),
+    ] {
+        let (old, new) = (text(name), text(name).replace(from, to));
+        assert!(old != new && odd(name, &new).is_some(), "{name}: {to} is not noticed");
+    }
 }
 
 #[test]

@@ -41,7 +41,9 @@ pub(crate) fn build(references: &mut [Reference], shape: Shape) -> Vec<Binary> {
         .reduce(|| (Bounds::EMPTY, Bounds::EMPTY), |a, b| (a.0.or(&b.0), a.1.or(&b.1)));
     let mut other = references.to_vec();
     let all = Piece { here: references, other: &mut other, moved: false, first: 0, bounds, centers, depth: 0 };
-    all.part(shape).into_nodes()
+    let part = all.part(shape);
+    drop(other);
+    part.into_nodes()
 }
 
 /// The box of the references and that of their centres.

@@ -22,16 +22,18 @@ const PARALLEL: u32 = 4096;
 /// Subtrees of more nodes than this are planned side by side.
 const PARALLEL_PLAN: usize = 8192;
 
-/// The least cost of representing a subtree by at most i + 1 children of one node, and how.
+/// The least cost of representing a subtree by at most i + 1 children of one node.
+type Costs = [f32; 7];
+
+/// How that is done.
 #[derive(Clone, Copy, bytemuck::Zeroable)]
 pub(crate) struct Plan {
-    cost: [f32; 7],
     /// For i = 0: how many of the eight slots of its own node go to the left, 0 for a leaf. For others: how many of the
     /// i + 1 slots go to the left, 0 to use fewer slots.
     left: [u8; 7],
+    only_triangles: bool,
     /// References in the subtree.
     count: u32,
-    only_triangles: bool,
 }
 
 /// Where the collapse takes its primitives from.
@@ -54,14 +56,16 @@ pub(crate) struct Wide {
     pub shapes: Vec<Shape>,
 }
 
-/// `nodes` has its root first and children behind parents.
+/// `nodes` has its root first and children behind parents. It and the plans are dropped before the parts are put together, when most
+/// memory is in use.
 pub(crate) fn collapse(
-    nodes: &[Binary],
+    nodes: Vec<Binary>,
     references: &[Reference],
     primitives: &impl Primitives,
-    plans: &[Plan],
+    plans: Vec<Plan>,
 ) -> (Wide, Child) {
-    let part = Emitter { nodes, references, primitives, plans }.part(0);
+    let part = Emitter { nodes: &nodes, references, primitives, plans: &plans }.part(0);
+    drop((nodes, plans));
     if let Part::Subtree(wide, root) = part {
         return (wide, root);
     }
@@ -75,18 +79,12 @@ pub(crate) fn collapse(
     (wide, root)
 }
 
-impl Plan {
-    /// What the whole subtree costs.
-    pub fn total(&self) -> f32 {
-        self.cost[0]
-    }
-}
-
-/// The best plan for every node.
-pub(crate) fn plan(nodes: &[Binary], references: &[Reference], primitives: &impl Primitives) -> Vec<Plan> {
+/// The best plan for every node, and what the whole tree costs.
+pub(crate) fn plan(nodes: &[Binary], references: &[Reference], primitives: &impl Primitives) -> (Vec<Plan>, f32) {
     let mut plans: Vec<Plan> = bytemuck::allocation::zeroed_vec(nodes.len());
-    plan_subtree(nodes, 0, &mut plans, references, primitives);
-    plans
+    let mut costs: Vec<Costs> = bytemuck::allocation::zeroed_vec(nodes.len());
+    plan_subtree(nodes, 0, (&mut plans, &mut costs), references, primitives);
+    (plans, costs[0][0])
 }
 
 /// The same for the subtree that `nodes` hold, the first of which has the number `base`: children lie behind their
@@ -94,7 +92,7 @@ pub(crate) fn plan(nodes: &[Binary], references: &[Reference], primitives: &impl
 fn plan_subtree(
     nodes: &[Binary],
     base: u32,
-    plans: &mut [Plan],
+    (plans, costs): (&mut [Plan], &mut [Costs]),
     references: &[Reference],
     primitives: &impl Primitives,
 ) {
@@ -103,9 +101,11 @@ fn plan_subtree(
     if nodes.len() > PARALLEL_PLAN && root.count().is_none() {
         let (left, right) = ((root.left - base) as usize, (root.right - base) as usize);
         let (head, tail) = plans.split_at_mut(right);
+        let (head_costs, tail_costs) = costs.split_at_mut(right);
+        let head = (&mut head[left..], &mut head_costs[left..]);
         rayon::join(
-            || plan_subtree(&nodes[left..right], root.left, &mut head[left..], references, primitives),
-            || plan_subtree(&nodes[right..], root.right, tail, references, primitives),
+            || plan_subtree(&nodes[left..right], root.left, head, references, primitives),
+            || plan_subtree(&nodes[right..], root.right, (tail, tail_costs), references, primitives),
         );
         planned = 1;
     }
@@ -114,28 +114,29 @@ fn plan_subtree(
             continue; // a place that was not used
         }
         let area = node.bounds().area();
-        plans[i] = if let Some(count) = node.count() {
+        (plans[i], costs[i]) = if let Some(count) = node.count() {
             let only_triangles = primitives.only_triangles()
                 || references[node.left as usize..][..count as usize]
                     .iter()
                     .all(|r| primitives.triangle(r.primitive()).is_some());
             let cost = area * if only_triangles { BLOCK * count.div_ceil(4) as f32 } else { SHAPE * count as f32 };
-            Plan { cost: [cost; 7], left: [0; 7], count, only_triangles }
+            (Plan { left: [0; 7], only_triangles, count }, [cost; 7])
         } else {
-            join(area, &plans[(node.left - base) as usize], &plans[(node.right - base) as usize])
+            let side = |child: u32| (&plans[(child - base) as usize], &costs[(child - base) as usize]);
+            join(area, side(node.left), side(node.right))
         };
     }
 }
 
 /// The plan of a node from those of its children.
 #[inline(always)]
-fn join(area: f32, l: &Plan, r: &Plan) -> Plan {
+fn join(area: f32, (l, left_costs): (&Plan, &Costs), (r, right_costs): (&Plan, &Costs)) -> (Plan, Costs) {
     // Over how many slots the left side gets.
     let share = |slots: usize| {
         let mut best = (f32::INFINITY, 0);
         for left in 1..slots {
             if left <= 7 && slots - left <= 7 {
-                let cost = l.cost[left - 1] + r.cost[slots - left - 1];
+                let cost = left_costs[left - 1] + right_costs[slots - left - 1];
                 if cost < best.0 {
                     best = (cost, left as u8);
                 }
@@ -145,21 +146,22 @@ fn join(area: f32, l: &Plan, r: &Plan) -> Plan {
     };
     let count = l.count + r.count;
     let only_triangles = l.only_triangles && r.only_triangles;
-    let mut plan = Plan { cost: [0.0; 7], left: [0; 7], count, only_triangles };
+    let mut plan = Plan { left: [0; 7], only_triangles, count };
+    let mut costs = [0.0; 7];
     let (children, left) = share(8);
-    (plan.cost[0], plan.left[0]) = (area + children, left.max(1));
+    (costs[0], plan.left[0]) = (area + children, left.max(1));
     if only_triangles && count <= LEAF {
         let leaf = area * BLOCK * count.div_ceil(4) as f32;
-        if leaf <= plan.cost[0] {
-            (plan.cost[0], plan.left[0]) = (leaf, 0);
+        if leaf <= costs[0] {
+            (costs[0], plan.left[0]) = (leaf, 0);
         }
     }
     for slots in 2..=7 {
         let (cost, left) = share(slots);
-        (plan.cost[slots - 1], plan.left[slots - 1]) =
-            if cost < plan.cost[slots - 2] { (cost, left) } else { (plan.cost[slots - 2], 0) };
+        (costs[slots - 1], plan.left[slots - 1]) =
+            if cost < costs[slots - 2] { (cost, left) } else { (costs[slots - 2], 0) };
     }
-    plan
+    (plan, costs)
 }
 
 /// Up to N values in place.

@@ -160,32 +160,34 @@ fn tree(mut references: Vec<Reference>, primitives: &impl Primitives, preset: Pr
         return Err(BuildError::TooManyPrimitives);
     }
     let fast = preset == Preset::Fast && primitives.only_triangles();
-    let pristine = if preset == Preset::Quality { references.clone() } else { Vec::new() };
+    let quality = preset == Preset::Quality;
+    // A few of all as they are, in the order of their primitives.
+    let few: Vec<_> = if quality { references.iter().step_by((n / FEW).max(8)).copied().collect() } else { Vec::new() };
     let shape = binned::Shape { leaf: if fast { 4 } else { 1 }, balanced: false, coarse: fast };
     let mut nodes = binned::build(&mut references, shape);
     let bounds = nodes[0].bounds().corners();
-    if preset == Preset::Quality
-        && nodes[0].bounds().area().is_finite()
-        && cutting_promises(&pristine, &references, primitives)
-    {
+    if quality && nodes[0].bounds().area().is_finite() && cutting_promises(few, &references, primitives) {
+        let mut pristine = references.clone();
+        pristine.par_sort_unstable_by_key(Reference::primitive);
         let (cut_references, cut_nodes) = cut(pristine, primitives);
-        let cost = collapse::plan(&nodes, &references, primitives)[0].total();
-        if collapse::plan(&cut_nodes, &cut_references, primitives)[0].total() < WORTH_CUTTING * cost {
+        let (_, cost) = collapse::plan(&nodes, &references, primitives);
+        let (_, cut_cost) = collapse::plan(&cut_nodes, &cut_references, primitives);
+        if cut_cost < WORTH_CUTTING * cost {
             (references, nodes) = (cut_references, cut_nodes);
         }
     }
     if preset != Preset::Fast {
         reinsert::improve(&mut nodes);
     }
-    let plans = collapse::plan(&nodes, &references, primitives);
-    let (wide, root) = collapse::collapse(&nodes, &references, primitives, &plans);
+    let (plans, _) = collapse::plan(&nodes, &references, primitives);
+    let (wide, root) = collapse::collapse(nodes, &references, primitives, plans);
     if let Some(tree) = Tree::new(wide.nodes, wide.blocks, wide.shapes, root, bounds) {
         return Ok(tree);
     }
     // Some inputs make trees too deep for the stack; halving by number does not.
     let nodes = binned::build(&mut references, binned::Shape { leaf: 1, balanced: true, coarse: false });
-    let plans = collapse::plan(&nodes, &references, primitives);
-    let (wide, root) = collapse::collapse(&nodes, &references, primitives, &plans);
+    let (plans, _) = collapse::plan(&nodes, &references, primitives);
+    let (wide, root) = collapse::collapse(nodes, &references, primitives, plans);
     Tree::new(wide.nodes, wide.blocks, wide.shapes, root, bounds).ok_or(BuildError::TooManyPrimitives)
 }
 
@@ -201,18 +203,18 @@ fn cut(mut references: Vec<Reference>, primitives: &impl Primitives) -> (Vec<Ref
 
 /// Whether cutting triangles brings enough for samples: a few of all of them, and some groups of neighbours if there
 /// are many.
-fn cutting_promises(all: &[Reference], neighbours: &[Reference], primitives: &impl Primitives) -> bool {
-    let n = all.len();
+fn cutting_promises(few: Vec<Reference>, neighbours: &[Reference], primitives: &impl Primitives) -> bool {
+    let n = neighbours.len();
     if n <= ALL {
         return true;
     }
     let costs = |mut sample: Vec<Reference>| {
         let (references, nodes) = cut(sample.clone(), primitives);
-        let with = collapse::plan(&nodes, &references, primitives)[0].total();
+        let (_, with) = collapse::plan(&nodes, &references, primitives);
         let nodes = binned::build(&mut sample, binned::Shape { leaf: 1, balanced: false, coarse: false });
-        [collapse::plan(&nodes, &sample, primitives)[0].total(), with]
+        [collapse::plan(&nodes, &sample, primitives).1, with]
     };
-    let few = costs(all.iter().step_by((n / FEW).max(8)).copied().collect());
+    let few = costs(few);
     if few[1] < WORTH_CUTTING * few[0] || n <= 8 * FEW {
         return few[1] < WORTH_CUTTING * few[0];
     }

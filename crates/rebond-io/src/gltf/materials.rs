@@ -87,29 +87,36 @@ impl Importer<'_> {
         if self.texture_at(&format!("{own}/occlusionTexture")).is_some() {
             self.warn(&path, "its image of occlusion is left out: light is traced");
         }
-        let number_of = |me: &Self, name: &str, key: &str, default: f32| {
-            me.number(&format!("{}/{key}", extension(name))).unwrap_or(default)
+        let number_of = |me: &Self, name: &str, key: &str, default: f32| -> Result<f32> {
+            Ok(me.number(&format!("{}/{key}", extension(name)))?.unwrap_or(default))
         };
-        let transmission = number_of(self, "transmission", "transmissionFactor", 0.0);
-        let ior = number_of(self, "ior", "ior", 1.5);
-        let specular = number_of(self, "specular", "specularFactor", 1.0);
-        let tint = self.numbers::<3>(&format!("{}/specularColorFactor", extension("specular"))).unwrap_or([1.0; 3]);
+        let transmission = number_of(self, "transmission", "transmissionFactor", 0.0)?;
+        let mut ior = number_of(self, "ior", "ior", 1.5)?;
+        if ior == 0.0 {
+            self.unsupported(&path, "an index of 0, with which everything is reflected: 1.5 is taken")?;
+            ior = 1.5;
+        }
+        let specular = number_of(self, "specular", "specularFactor", 1.0)?;
+        let tint = self.numbers::<3>(&format!("{}/specularColorFactor", extension("specular")))?.unwrap_or([1.0; 3]);
         if tint != [1.0; 3] {
             self.unsupported(&path, "coloured specular reflection")?;
         }
-        let sheen = self.numbers::<3>(&format!("{}/sheenColorFactor", extension("sheen"))).unwrap_or([0.0; 3]);
+        let sheen = self.numbers::<3>(&format!("{}/sheenColorFactor", extension("sheen")))?.unwrap_or([0.0; 3]);
         if sheen != [0.0; 3] {
             self.warn(&path, "its sheen is rebond's own: white, and of no roughness");
         }
-        let thick = number_of(self, "volume", "thicknessFactor", 0.0) > 0.0;
+        let thick = number_of(self, "volume", "thicknessFactor", 0.0)? > 0.0;
         let absorbs =
-            self.numbers::<3>(&format!("{}/attenuationColor", extension("volume"))).is_some_and(|c| c != [1.0; 3])
-                && self.number(&format!("{}/attenuationDistance", extension("volume"))).is_some();
+            self.numbers::<3>(&format!("{}/attenuationColor", extension("volume")))?.is_some_and(|c| c != [1.0; 3])
+                && self.number(&format!("{}/attenuationDistance", extension("volume")))?.is_some();
         if absorbs {
             self.unsupported(&path, "a volume that absorbs")?;
         }
         let thin = transmission > 0.0 && !thick;
         let mut description = if thin && transmission == 1.0 && metallic == 0.0 && roughness <= SMOOTH {
+            if base_color != Texture::grey(1.0) {
+                self.warn(&path, "the colour of its thin glass is also that of its reflection");
+            }
             MaterialDescription::ThinDielectric { int_ior: ior, ext_ior: 1.0, tint: base_color }
         } else {
             if thin {
@@ -121,8 +128,8 @@ impl Importer<'_> {
                 roughness,
                 anisotropic: 0.0,
                 specular: 0.5 * specular,
-                clearcoat: number_of(self, "clearcoat", "clearcoatFactor", 0.0),
-                clearcoat_roughness: number_of(self, "clearcoat", "clearcoatRoughnessFactor", 0.0),
+                clearcoat: number_of(self, "clearcoat", "clearcoatFactor", 0.0)?,
+                clearcoat_roughness: number_of(self, "clearcoat", "clearcoatRoughnessFactor", 0.0)?,
                 sheen: sheen.iter().sum::<f32>() / 3.0,
                 transmission,
                 ior,
@@ -136,7 +143,7 @@ impl Importer<'_> {
         }
         let shines = emission.0 != [0.0; 3];
         if let Some(t) = self.texture_at(&format!("{own}/normalTexture")) {
-            let scale = self.number(&format!("{own}/normalTexture/scale")).unwrap_or(1.0);
+            let scale = self.number(&format!("{own}/normalTexture/scale"))?.unwrap_or(1.0);
             let normal_map = ImageTexture { encoding: Encoding::Linear, ..self.raw_texture(&t)? };
             description = MaterialDescription::NormalMap { normal_map, scale, material: inline(description) };
         }
@@ -169,9 +176,9 @@ impl Importer<'_> {
     /// What it emits, and the image that this multiplies.
     fn emission(&mut self, number: usize) -> Result<(Color, Option<ImageTexture>)> {
         let own = format!("/materials/{number}");
-        let factor = self.numbers::<3>(&format!("{own}/emissiveFactor")).unwrap_or([0.0; 3]);
+        let factor = self.numbers::<3>(&format!("{own}/emissiveFactor"))?.unwrap_or([0.0; 3]);
         let pointer = format!("{own}/extensions/KHR_materials_emissive_strength/emissiveStrength");
-        let strength = self.number(&pointer).unwrap_or(1.0);
+        let strength = self.number(&pointer)?.unwrap_or(1.0);
         let image = self.texture_at(&format!("{own}/emissiveTexture")).filter(|_| factor != [0.0; 3]);
         let image = image.map(|t| self.raw_texture(&t)).transpose()?;
         Ok((Color(factor.map(|c| c * strength)), image))
@@ -352,9 +359,9 @@ impl Importer<'_> {
             Some(Checked::Valid(MagFilter::Nearest)) => TextureFilter::Nearest,
             _ => TextureFilter::Bilinear,
         };
-        let offset = self.numbers::<2>(&format!("{transform}/offset")).unwrap_or([0.0; 2]);
-        let scale = self.numbers::<2>(&format!("{transform}/scale")).unwrap_or([1.0; 2]);
-        let rotation = self.number(&format!("{transform}/rotation")).unwrap_or(0.0);
+        let offset = self.numbers::<2>(&format!("{transform}/offset"))?.unwrap_or([0.0; 2]);
+        let scale = self.numbers::<2>(&format!("{transform}/scale"))?.unwrap_or([1.0; 2]);
+        let rotation = self.number(&format!("{transform}/rotation"))?.unwrap_or(0.0);
         let to_uv = uv_map(offset, rotation, scale);
         let to_uv = (to_uv != SAME_UV).then_some(to_uv);
         Ok(ImageTexture { image, encoding: Encoding::Auto, wrap, wrap_v, filter, repeat: [1.0; 2], to_uv })

@@ -74,6 +74,12 @@ pub fn read_gltf(bytes: &[u8], file: &str, folder: &Path, options: ImportOptions
     if !root.asset.version.starts_with("2.") {
         return Err(named(format!("glTF of version {} is not supported: 2.0 is", root.asset.version)));
     }
+    // Which versions the file needs at least.
+    let needs = root.asset.min_version.as_deref().unwrap_or("2.0");
+    let parts: Option<Vec<u32>> = needs.split('.').map(|part| part.parse().ok()).collect();
+    if parts.is_none_or(|parts| parts.as_slice() > [2, 0].as_slice()) {
+        return Err(named(format!("the file needs glTF of version {needs}: 2.0 is supported")));
+    }
     let mut importer = Importer {
         file: file.to_string(),
         root,
@@ -259,15 +265,20 @@ impl Importer<'_> {
         self.value.pointer(pointer)
     }
 
-    fn number(&self, pointer: &str) -> Option<f32> {
-        self.at(pointer).and_then(Value::as_f64).map(|x| x as f32).filter(|x| x.is_finite())
+    /// The number at a JSON pointer, if there is one.
+    fn number(&self, pointer: &str) -> Result<Option<f32>> {
+        let Some(value) = self.at(pointer) else { return Ok(None) };
+        let number = single(value);
+        number.map(Some).ok_or_else(|| self.error("", format!("{pointer} is no number of single precision")))
     }
 
-    fn numbers<const N: usize>(&self, pointer: &str) -> Option<[f32; N]> {
-        let list = self.at(pointer)?.as_array()?;
-        let values: Option<Vec<f32>> =
-            list.iter().map(|x| x.as_f64().map(|x| x as f32).filter(|x| x.is_finite())).collect();
-        values?.try_into().ok()
+    fn numbers<const N: usize>(&self, pointer: &str) -> Result<Option<[f32; N]>> {
+        let Some(value) = self.at(pointer) else { return Ok(None) };
+        let list = value.as_array().and_then(|list| list.iter().map(single).collect::<Option<Vec<f32>>>());
+        let numbers = list.and_then(|list| list.try_into().ok());
+        numbers
+            .map(Some)
+            .ok_or_else(|| self.error("", format!("{pointer} is no list of {N} numbers of single precision")))
     }
 
     fn scene(&mut self) -> Result<()> {
@@ -466,7 +477,10 @@ impl Importer<'_> {
     fn check_attributes(&mut self, p: &::gltf::json::mesh::Primitive, path: &str) -> Result<()> {
         for (semantic, accessor) in &p.attributes {
             match semantic {
-                Checked::Valid(Semantic::Positions | Semantic::Normals | Semantic::Tangents) => {}
+                Checked::Valid(Semantic::Positions | Semantic::Normals) => {}
+                Checked::Valid(Semantic::Tangents) => {
+                    self.warn(path, "its tangents are left out: they follow its texture coordinates");
+                }
                 Checked::Valid(Semantic::Colors(0)) => {
                     if !self.accessor(accessor.value(), path)?.values.iter().all(|x| *x == 1.0) {
                         self.unsupported(path, "colours of vertices")?;
@@ -612,10 +626,10 @@ impl Importer<'_> {
         let Some(kind) = self.at(&format!("{pointer}/type")).and_then(Value::as_str).map(str::to_string) else {
             return Err(self.error(&path, "there is no such light, or it has no type"));
         };
-        let color = self.numbers::<3>(&format!("{pointer}/color")).unwrap_or([1.0; 3]);
-        let intensity = self.number(&format!("{pointer}/intensity")).unwrap_or(1.0);
+        let color = self.numbers::<3>(&format!("{pointer}/color"))?.unwrap_or([1.0; 3]);
+        let intensity = self.number(&format!("{pointer}/intensity"))?.unwrap_or(1.0);
         let color = Color(color.map(|c| c * intensity));
-        if self.number(&format!("{pointer}/range")).is_some() {
+        if self.number(&format!("{pointer}/range"))?.is_some() {
             self.warn(&path, "its range is not heeded: light goes on for ever");
         }
         let axis = -m.z_axis.truncate().normalize_or_zero();
@@ -627,8 +641,8 @@ impl Importer<'_> {
             }
             "spot" => {
                 let outer =
-                    self.number(&format!("{pointer}/spot/outerConeAngle")).unwrap_or(std::f32::consts::FRAC_PI_4);
-                let inner = self.number(&format!("{pointer}/spot/innerConeAngle")).unwrap_or(0.0);
+                    self.number(&format!("{pointer}/spot/outerConeAngle"))?.unwrap_or(std::f32::consts::FRAC_PI_4);
+                let inner = self.number(&format!("{pointer}/spot/innerConeAngle"))?.unwrap_or(0.0);
                 self.warn(&path, "between its cones a spot's light falls off linearly with the angle");
                 let (x, y) = axis.any_orthonormal_pair();
                 let place = DMat4::from_cols(x.extend(0.0), y.extend(0.0), axis.extend(0.0), m.w_axis);
@@ -647,6 +661,11 @@ impl Importer<'_> {
         self.scene.emitters.push(emitter);
         Ok(())
     }
+}
+
+/// A finite number of single precision.
+fn single(value: &Value) -> Option<f32> {
+    value.as_f64().map(|x| x as f32).filter(|x| x.is_finite())
 }
 
 /// A node's own transform.

@@ -376,6 +376,23 @@ fn mistakes_say_what_they_are_of() {
         fails("/meshes/0/primitives/0/attributes/POSITION", json!(2)),
         "meshes[0].primitives[0]: accessor 2 has rows of 2 numbers, not 3"
     );
+    // What is there and is no number is not taken for what would be if it were not.
+    let lamp = "/extensions/KHR_lights_punctual/lights/0";
+    let list = format!("{lamp}/color is no list of 3 numbers of single precision");
+    assert_eq!(fails(&format!("{lamp}/color"), json!("red")), list);
+    assert_eq!(fails(&format!("{lamp}/color"), json!([1, 1])), list);
+    let number = format!("{lamp}/intensity is no number of single precision");
+    assert_eq!(fails(&format!("{lamp}/intensity"), json!("9")), number);
+    assert_eq!(fails(&format!("{lamp}/intensity"), json!(1e39)), number);
+    let strength = json!({ "name": "lamp", "emissiveFactor": [1, 1, 1], "extensions": { "KHR_materials_emissive_strength": { "emissiveStrength": 1e39 } } });
+    assert!(
+        fails("/materials/0", strength)
+            .starts_with("/materials/0/extensions/KHR_materials_emissive_strength/emissiveStrength is no number")
+    );
+    assert!(
+        fails("/materials/0", json!({ "extensions": { "KHR_materials_ior": { "ior": 0 } } })).contains("an index of 0")
+    );
+    assert!(fails("/asset", json!({ "version": "2.0", "minVersion": "2.1" })).contains("needs glTF of version 2.1"));
     assert_eq!(fails("/scenes/0/nodes", json!([7])), "nodes[7]: there is no such node");
     assert_eq!(fails("/asset/version", json!("1.0")), "glTF of version 1.0 is not supported: 2.0 is");
     assert!(fails("/extensionsUsed", json!(["EXT_magic"])).starts_with("the extension EXT_magic is not supported"));
@@ -460,6 +477,17 @@ fn what_is_only_nearly_the_same_is_said() {
     value["materials"][0]["extensions"] = json!({ "KHR_materials_unlit": {} });
     let unlit = "materials[0] (\"paint\"): it is to be unlit: a lamp stands for it, which lights its neighbours";
     assert_eq!(warnings(&value), [unlit]);
+    let pane = |color: [f32; 4]| {
+        let glass = json!({ "metallicFactor": 0, "roughnessFactor": 0, "baseColorFactor": color });
+        let mut value = value.clone();
+        value["materials"][0] = json!({ "pbrMetallicRoughness": glass, "extensions": { "KHR_materials_transmission": { "transmissionFactor": 1 } } });
+        warnings(&value)
+    };
+    assert_eq!(pane([1.0; 4]), [""; 0]);
+    assert_eq!(
+        pane([1.0, 0.5, 1.0, 1.0]),
+        ["materials[0]: the colour of its thin glass is also that of its reflection"]
+    );
     // The square is 5 before the camera.
     let mut value = square();
     for (far, seen) in [(5.1, false), (4.9, true)] {

@@ -7,6 +7,7 @@ use crate::error::Error;
 
 pub use obj::read_obj;
 pub(crate) use obj::{Named, place_in, read_obj_parts};
+pub(crate) use ply::UV_NAMES;
 pub use ply::{read_ply, write_ply};
 pub use rebond::shape::MeshData;
 

@@ -10,7 +10,11 @@ use std::borrow::Cow;
 use std::fmt;
 use std::io::Cursor;
 
-/// Reads a mesh: of vertices the properties `x y z`, `nx ny nz` and `u v` (or `s t`, `texture_u texture_v`), of faces
+/// What texture coordinates may be called.
+pub(crate) const UV_NAMES: [[&str; 2]; 4] =
+    [["u", "v"], ["s", "t"], ["texture_u", "texture_v"], ["texture_s", "texture_t"]];
+
+/// Reads a mesh: of vertices the properties `x y z`, `nx ny nz` and `u v` (or `s t`, `texture_u texture_v`, `texture_s texture_t`), of faces
 /// the list `vertex_indices` (or `vertex_index`). Polygons become fans. `name` is what errors call the file.
 pub fn read_ply(bytes: &[u8], name: &str) -> Result<MeshData, Error> {
     read(bytes).map_err(|problem| Error::new(format!("not a valid PLY mesh: {problem}")).with_file(name))
@@ -39,7 +43,7 @@ fn read(bytes: &[u8]) -> Result<MeshData, String> {
         return Err(format!("it has {} vertices and {} faces", vertex.count, face.count));
     }
     let normals = ["nx", "ny", "nz"].into_iter().all(scalar);
-    let uvs = [["u", "v"], ["s", "t"], ["texture_u", "texture_v"]].into_iter().any(|p| p.into_iter().all(scalar));
+    let uvs = UV_NAMES.into_iter().any(|p| p.into_iter().all(scalar));
 
     let mut mesh = MeshData {
         normals: normals.then(Vec::new),
@@ -189,8 +193,8 @@ impl<'de> de::Deserialize<'de> for Key {
                     b"nx" => Key::Normal(0),
                     b"ny" => Key::Normal(1),
                     b"nz" => Key::Normal(2),
-                    b"u" | b"s" | b"texture_u" => Key::Uv(0),
-                    b"v" | b"t" | b"texture_v" => Key::Uv(1),
+                    b"u" | b"s" | b"texture_u" | b"texture_s" => Key::Uv(0),
+                    b"v" | b"t" | b"texture_v" | b"texture_t" => Key::Uv(1),
                     b"vertex_indices" | b"vertex_index" => Key::Polygon,
                     _ => Key::Other,
                 })

@@ -34,6 +34,8 @@ fn ply_of_any_kind() {
     assert!(mesh.positions[3][2].is_nan());
     assert_eq!(mesh.uvs.unwrap()[2], [1.0, 1.0]);
     assert_eq!(mesh.normals, None);
+    let other = ASCII.replace("float s\n", "float texture_s\n").replace("float t\n", "float texture_t\n");
+    assert_eq!(read_ply(other.as_bytes(), "a.ply").unwrap().uvs.unwrap()[2], [1.0, 1.0]);
     let with_crlf = ASCII.replace('\n', "\r\n");
     assert_eq!(read_ply(with_crlf.as_bytes(), "a.ply").unwrap().triangles.len(), 3);
 

@@ -5,8 +5,8 @@ use super::{Importer, Object, Result, Spot, Use, color};
 use crate::import::{SIDES, free_name, steps, tube};
 use glam::{DMat4, DVec3};
 use rebond::scene::description::{
-    Color, InstanceDescription, MaterialDescription, MaterialRef, Mesh, MeshFile, ShapeDescription, Simple, Sphere,
-    Texture,
+    Color, ImageTexture, InstanceDescription, MaterialDescription, MaterialRef, Mesh, MeshFile, ShapeDescription,
+    Simple, Sphere, Texture,
 };
 use std::rc::Rc;
 
@@ -15,6 +15,12 @@ struct Common {
     material: Option<MaterialRef>,
     emission: Option<Color>,
     matrix: DMat4,
+}
+
+/// How a shape shines.
+enum Shine {
+    Evenly(Color),
+    Image(ImageTexture),
 }
 
 impl Importer {
@@ -59,7 +65,7 @@ impl Importer {
 
     fn note_shape(&mut self, o: &Object, path: &str) {
         self.places.note(path, o.at.part());
-        let parts = [("bsdf", "material"), ("emitter", "emission")];
+        let parts = [("bsdf", "material"), ("emitter", "emission"), ("emitter", "material.radiance")];
         for (tag, key) in parts {
             if let Ok(children) = self.children(o, &[tag])
                 && let Some((child, _)) = children.first()
@@ -142,18 +148,27 @@ impl Importer {
     }
 
     fn common(&mut self, o: &Object, lie: Lie) -> Result<Common> {
-        let emission = match &self.children(o, &["emitter"])?[..] {
+        // Where a lamp may show an image: rebond's spheres and disks do not.
+        let image_lie = (!matches!(o.plugin.as_str(), "sphere" | "disk")).then_some(lie);
+        let shine = match &self.children(o, &["emitter"])?[..] {
             [] => None,
-            [(emitter, at)] => self.emission(emitter, at)?,
+            [(emitter, at)] => self.shine(emitter, at, image_lie)?,
             _ => return Err(self.error(&o.at, "a shape with several emitters")),
         };
+        let inline = |m| MaterialRef::Inline(Box::new(m));
         let material = match &self.children(o, &["bsdf"])?[..] {
             // What shines and is of no material reflects nothing.
-            [] => emission.map(|_| {
-                MaterialRef::Inline(Box::new(MaterialDescription::Diffuse { reflectance: Texture::grey(0.0) }))
-            }),
+            [] => shine.as_ref().map(|_| inline(MaterialDescription::Diffuse { reflectance: Texture::grey(0.0) })),
             [(bsdf, at)] => Some(self.material(bsdf, at, lie)?),
             _ => return Err(self.error(&o.at, "a shape with several BSDFs")),
+        };
+        let (material, emission) = match (shine, material) {
+            (Some(Shine::Image(radiance)), Some(material)) => {
+                let scale = Color([1.0; 3]);
+                (Some(inline(MaterialDescription::Glow { radiance, scale, material })), None)
+            }
+            (Some(Shine::Evenly(emission)), material) => (material, Some(emission)),
+            (_, material) => (material, None),
         };
         for (child, at) in self.children(o, &["medium", "sensor"])? {
             self.unsupported(&at, format!("a {} of a shape", child.tag))?;
@@ -162,17 +177,21 @@ impl Importer {
         Ok(Common { material, emission, matrix: self.transform(o)? })
     }
 
-    /// The radiance of an area light.
-    fn emission(&mut self, o: &Rc<Object>, at: &Spot) -> Result<Option<Color>> {
+    /// The radiance of an area light, which may be an image if it is said how that lies.
+    fn shine(&mut self, o: &Rc<Object>, at: &Spot, image_lie: Option<Lie>) -> Result<Option<Shine>> {
         if o.plugin != "area" {
             let error = self.error(at, format!("the emitter \"{}\" of a shape is not supported", o.plugin));
             self.report.unsupported(error)?;
             return Ok(None);
         }
         self.passed_over(o, &["sampling_weight"]);
-        let radiance = self.light(o, "radiance")?;
+        let texture = o.get("radiance").map(|p| self.object(p)).transpose()?.flatten();
+        let shine = match (texture.filter(|t| t.plugin == "bitmap"), image_lie) {
+            (Some(texture), Some(lie)) => Shine::Image(self.bitmap(&texture, lie, true)?),
+            _ => Shine::Evenly(self.light(o, "radiance")?),
+        };
         self.finish(o)?;
-        Ok(Some(radiance))
+        Ok(Some(shine))
     }
 
     /// What an emitter sends out, which must be the same everywhere.

@@ -74,7 +74,8 @@ impl Importer {
         Ok([row(0), row(1)])
     }
 
-    fn bitmap(&mut self, o: &Object, lie: Lie, colours: bool) -> Result<ImageTexture> {
+    /// An image; see [`texture_of`](Self::texture_of).
+    pub fn bitmap(&mut self, o: &Object, lie: Lie, colours: bool) -> Result<ImageTexture> {
         let (mut file, at) = match self.text(o, "filename")? {
             Some(found) => found,
             None => return Err(self.error(&o.at, "the filename is missing")),

@@ -5,7 +5,8 @@ use super::{Importer, Result};
 use crate::import::free_name;
 use crate::mitsuba::metals;
 use crate::mitsuba::spectra::{self, Use};
-use rebond::scene::description::{Color, MaterialDescription, MaterialRef, Metal, Texture};
+use rebond::scene::description::{Color, MaterialDescription, MaterialRef, Metal, ShapeDescription, Texture};
+use std::collections::BTreeMap;
 
 pub fn diffuse(reflectance: Texture) -> MaterialDescription {
     MaterialDescription::Diffuse { reflectance }
@@ -21,6 +22,26 @@ fn inline(m: MaterialDescription) -> MaterialRef {
     MaterialRef::Inline(Box::new(m))
 }
 
+fn rename(material: &mut MaterialRef, names: &BTreeMap<String, String>) {
+    match material {
+        MaterialRef::Named(name) => {
+            if let Some(new) = names.get(name) {
+                name.clone_from(new);
+            }
+        }
+        MaterialRef::Inline(m) => rename_within(m, names),
+    }
+}
+
+fn rename_within(material: &mut MaterialDescription, names: &BTreeMap<String, String>) {
+    use MaterialDescription as M;
+    match material {
+        M::TwoSided { front: inner, .. } | M::Mask { material: inner, .. } => rename(inner, names),
+        M::Mix { a, b, .. } => [a, b].into_iter().for_each(|m| rename(m, names)),
+        _ => {}
+    }
+}
+
 impl Importer<'_> {
     pub fn material(&mut self, named: bool) -> Result<()> {
         let (word, at) = self.words.quoted("a material")?;
@@ -31,14 +52,19 @@ impl Importer<'_> {
         let name = if named {
             word
         } else {
-            self.materials += 1;
-            free_name(&format!("{kind} {}", self.materials), "", |n| self.scene.materials.contains_key(n))
+            let number = self.unnamed.len() + 1;
+            self.unnamed(format!("{kind} {number}"), at)
         };
-        self.places.note(format!("materials.{name}"), at.part());
+        if named {
+            self.places.note(format!("materials.{name}"), at.part());
+        }
         let description = match material {
             MaterialRef::Inline(m) => *m,
             MaterialRef::Named(_) => return Err(self.error(at, "a material that is another")),
         };
+        if self.spread(&description) {
+            self.lying.insert(name.clone());
+        }
         if self.scene.materials.insert(name.clone(), description).is_some() {
             return Err(self.error(at, format!("the material \"{name}\" is there twice")));
         }
@@ -127,13 +153,7 @@ impl Importer<'_> {
                 let names = p.get("materials").map(|q| q.words.clone()).unwrap_or_default();
                 let [a, b] = &names[..] else { return Err(self.error(at, "a mix is of two materials")) };
                 let weight = self.number_of(p, "amount", 0.5)?;
-                // What is mixed must not be two-sided by itself: the mix is.
-                let part = |name: &String| match self.scene.materials.get(name) {
-                    Some(M::TwoSided { front, back: None }) => Ok((front.clone(), true)),
-                    Some(_) => Ok((MaterialRef::Named(name.clone()), false)),
-                    None => Err(self.error(at, format!("there is no material \"{name}\""))),
-                };
-                let ((a, opaque_a), (b, opaque_b)) = (part(a)?, part(b)?);
+                let ((a, opaque_a), (b, opaque_b)) = (self.part(a, at)?, self.part(b, at)?);
                 if opaque_a != opaque_b {
                     self.warn(at, "of a mix of what is opaque and what is not, the opaque part is black from behind");
                 }
@@ -150,6 +170,58 @@ impl Importer<'_> {
         })
     }
 
+    /// A part of a mix, and whether it is opaque. It must not be two-sided by itself: the mix is. A mix of mixes has those by name, or it
+    /// would double with each that is within it.
+    fn part(&mut self, name: &str, at: Spot) -> Result<(MaterialRef, bool)> {
+        use MaterialDescription as M;
+        let Some(material) = self.scene.materials.get(name) else {
+            return Err(self.error(at, format!("there is no material \"{name}\"")));
+        };
+        let M::TwoSided { front, back: None } = material else { return Ok((MaterialRef::Named(name.into()), false)) };
+        let mix = match front {
+            MaterialRef::Inline(m) if matches!(**m, M::Mix { .. }) => (**m).clone(),
+            _ => return Ok((front.clone(), true)),
+        };
+        let side = self.unnamed(format!("{name} side"), at);
+        if self.lying.contains(name) {
+            self.lying.insert(side.clone());
+        }
+        self.scene.materials.insert(side.clone(), mix);
+        let front = MaterialRef::Named(side.clone());
+        self.scene.materials.insert(name.to_string(), M::TwoSided { front, back: None });
+        Ok((MaterialRef::Named(side), true))
+    }
+
+    /// The name, until the end of the scene, of a material that the scene gives none: no name of the scene's has a quote.
+    fn unnamed(&mut self, wish: String, at: Spot) -> String {
+        let name = format!("\"{}", self.unnamed.len());
+        self.unnamed.push((name.clone(), wish, at));
+        name
+    }
+
+    /// Names what has no name yet as none of the scene's is called.
+    pub fn name_materials(&mut self) {
+        let mut names = BTreeMap::new();
+        for (name, wish, at) in std::mem::take(&mut self.unnamed) {
+            if let Some(material) = self.scene.materials.remove(&name) {
+                let free = free_name(&wish, "", |n| self.scene.materials.contains_key(n));
+                self.places.note(format!("materials.{free}"), at.part());
+                self.scene.materials.insert(free.clone(), material);
+                names.insert(name, free);
+            }
+        }
+        self.scene.materials.values_mut().for_each(|m| rename_within(m, &names));
+        for shape in self.scene.groups.values_mut().flatten().chain(&mut self.scene.shapes) {
+            let material = match shape {
+                ShapeDescription::Ply(s) => &mut s.material,
+                ShapeDescription::Sphere(s) => &mut s.material,
+                ShapeDescription::Disk(s) => &mut s.material,
+                _ => continue,
+            };
+            material.iter_mut().for_each(|m| rename(m, &names));
+        }
+    }
+
     /// α along u and v: the root of roughness, unless it is not to be remapped.
     fn roughness(&mut self, p: &Parameters, default: f64) -> Result<[f32; 2]> {
         let remap = self.flag(p, "remaproughness", true)?;
@@ -163,20 +235,26 @@ impl Importer<'_> {
         match (&q.numbers[..], &q.words[..]) {
             ([x], []) => Ok(*x as f32),
             ([], [name]) => {
+                // pbrt's names; behind those of F5, F10 and F11 are the glasses SF5, SF10 and SF11.
                 let known = [
                     ("glass-BK7", 1.5168),
                     ("glass-BAF10", 1.67),
-                    ("glass-F5", 1.6034),
+                    ("glass-FK51A", 1.4866),
                     ("glass-LASF9", 1.8503),
-                    ("glass-SF10", 1.7283),
-                    ("glass-SF11", 1.7847),
+                    ("glass-F5", 1.6727),
+                    ("glass-F10", 1.7283),
+                    ("glass-F11", 1.7847),
                 ];
                 match known.iter().find(|(n, _)| n == name) {
                     Some((_, n)) => {
                         self.warn(q.at, format!("\"{name}\" has one index for all colours: that at 587.6 nm"));
                         Ok(*n)
                     }
-                    None => Err(self.error(q.at, format!("no index of refraction is known for \"{name}\""))),
+                    None => {
+                        let message = format!("no index of refraction is known for \"{name}\": {default} is taken");
+                        self.unsupported(q.at, message)?;
+                        Ok(default as f32)
+                    }
                 }
             }
             _ => Err(self.error(q.at, "an index of refraction is one number, or the name of a glass")),
@@ -195,7 +273,11 @@ impl Importer<'_> {
                 let metal = name.strip_prefix("metal-").and_then(|n| n.rsplit_once('-'));
                 match metal.and_then(|(metal, _)| metals::index(metal)) {
                     Some((eta, k)) => Ok(if which == 0 { eta } else { k }),
-                    None => Err(self.error(q.at, format!("no metal is known for \"{name}\""))),
+                    None => {
+                        self.unsupported(q.at, format!("no metal is known for \"{name}\": copper is taken"))?;
+                        let (eta, k) = metals::index("Cu").unwrap_or_default();
+                        Ok(if which == 0 { eta } else { k })
+                    }
                 }
             }
             _ => Err(self.error(q.at, format!("\"{}\" is a spectrum", q.name))),
@@ -218,14 +300,14 @@ impl Importer<'_> {
 
     /// Whether it matters where on a surface a material is: it has an image, or is brushed. So it does if it is not known yet.
     pub fn lies(&self, material: &MaterialRef) -> bool {
+        match material {
+            MaterialRef::Named(name) => self.lying.contains(name) || !self.scene.materials.contains_key(name),
+            MaterialRef::Inline(m) => self.spread(m),
+        }
+    }
+
+    fn spread(&self, description: &MaterialDescription) -> bool {
         use MaterialDescription as M;
-        let description = match material {
-            MaterialRef::Named(name) => match self.scene.materials.get(name) {
-                Some(m) => m,
-                None => return true,
-            },
-            MaterialRef::Inline(m) => m,
-        };
         let image = |t: &Texture| matches!(t, Texture::Image(_));
         match description {
             M::Mask { opacity, material } => image(opacity) || self.lies(material),
@@ -234,7 +316,7 @@ impl Importer<'_> {
             M::Diffuse { reflectance } => image(reflectance),
             M::Plastic { diffuse_reflectance, .. } => image(diffuse_reflectance),
             M::Dielectric { alpha_u, .. } | M::Conductor { alpha_u, .. } => alpha_u.is_some(),
-            M::Measured { .. } => true,
+            M::Measured { .. } | M::Glow { .. } => true,
             _ => false,
         }
     }

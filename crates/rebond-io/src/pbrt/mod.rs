@@ -26,10 +26,11 @@ use rebond::integrators::{BidirectionalSettings, IntegratorSettings, LightSettin
 use rebond::sampling::SamplerSettings;
 use rebond::scene::SceneDescription;
 use rebond::scene::description::{
-    CameraDescription, Color, EmitterDescription, FovAxis, InstanceDescription, MaterialRef, ShapeDescription,
-    Transform,
+    CameraDescription, Color, EmitterDescription, FovAxis, ImageTexture, InstanceDescription, MaterialRef,
+    ShapeDescription, Transform,
 };
-use std::collections::BTreeMap;
+use rebond::texture::{Encoding, TextureFilter, Wrap};
+use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::PI;
 use std::io::Read;
 use std::num::NonZeroU32;
@@ -61,7 +62,8 @@ pub fn read_pbrt(text: &str, file: &str, folder: &Path, options: ImportOptions) 
         numbers: 0,
         group: None,
         camera: None,
-        materials: 0,
+        unnamed: Vec::new(),
+        lying: BTreeSet::new(),
         cut: 0,
     };
     importer.scene.film =
@@ -104,9 +106,18 @@ struct State {
     matrix: DMat4,
     /// The name of the material.
     material: MaterialRef,
-    /// Radiance of what follows, and whether it shines to both sides.
-    light: Option<Color>,
+    /// What follows shines so.
+    light: Option<Shine>,
     reverse: bool,
+}
+
+/// The radiance of an area light.
+#[derive(Clone)]
+struct Shine {
+    /// What is the same everywhere,
+    color: Color,
+    /// times this.
+    image: Option<ImageTexture>,
 }
 
 impl Default for State {
@@ -129,7 +140,8 @@ struct Importer<'a> {
     places: Places,
     samples: Option<u32>,
     state: State,
-    stack: Vec<(State, Spot)>,
+    /// What has begun, by its directive.
+    stack: Vec<(State, Spot, &'static str)>,
     systems: BTreeMap<String, DMat4>,
     /// By whether they are of numbers, not of colours, and by name.
     textures: BTreeMap<(bool, String), textures::Known>,
@@ -140,7 +152,10 @@ struct Importer<'a> {
     /// The object that is being defined: its name, and its shapes.
     group: Option<(String, Vec<ShapeDescription>)>,
     camera: Option<(String, Parameters, Spot, DMat4)>,
-    materials: usize,
+    /// Materials without a name: what stands for it, what they are to be called, and where they are.
+    unnamed: Vec<(String, String, Spot)>,
+    /// Names of those materials of which it matters where on a surface they are.
+    lying: BTreeSet<String>,
     /// Triangles made by cutting so far.
     cut: usize,
 }
@@ -222,12 +237,13 @@ impl Importer<'_> {
 
     fn run(&mut self) -> Result<()> {
         while self.step()? {}
-        if let Some((_, at)) = self.stack.last() {
+        if let Some((_, at, _)) = self.stack.last() {
             return Err(self.error(*at, "this does not end"));
         }
         if self.group.is_some() {
             return self.words.fail("ObjectBegin without ObjectEnd");
         }
+        self.name_materials();
         self.finish_camera()
     }
 
@@ -291,11 +307,15 @@ impl Importer<'_> {
                 if self.stack.len() > DEEPEST {
                     return Err(self.error(at, format!("more than {DEEPEST} attributes within each other")));
                 }
-                self.stack.push((self.state.clone(), at));
+                let begun = if directive == "AttributeBegin" { "AttributeBegin" } else { "TransformBegin" };
+                self.stack.push((self.state.clone(), at, begun));
             }
             "AttributeEnd" | "TransformEnd" => match self.stack.pop() {
-                Some((state, _)) if directive == "AttributeEnd" => self.state = state,
-                Some((state, _)) => self.state.matrix = state.matrix,
+                Some((state, _, "AttributeBegin")) if directive == "AttributeEnd" => self.state = state,
+                Some((state, _, "TransformBegin")) if directive == "TransformEnd" => self.state.matrix = state.matrix,
+                Some((_, _, begun)) => {
+                    return Err(self.error(at, format!("{directive}, where what began last is {begun}")));
+                }
                 None => return Err(self.error(at, format!("{directive} without a beginning"))),
             },
             "WorldBegin" => {
@@ -313,11 +333,12 @@ impl Importer<'_> {
                 if self.group.is_some() || self.scene.groups.contains_key(&name) {
                     return Err(self.error(at, format!("the object \"{name}\" is within another, or there twice")));
                 }
-                self.stack.push((self.state.clone(), at));
+                self.stack.push((self.state.clone(), at, "ObjectBegin"));
                 self.group = Some((name, Vec::new()));
             }
             "ObjectEnd" => {
-                let (Some((name, shapes)), Some((state, _))) = (self.group.take(), self.stack.pop()) else {
+                let (Some((name, shapes)), Some((state, _, "ObjectBegin"))) = (self.group.take(), self.stack.pop())
+                else {
                     return Err(self.error(at, "ObjectEnd without ObjectBegin"));
                 };
                 self.state = state;
@@ -361,16 +382,14 @@ impl Importer<'_> {
                     self.unsupported(at, format!("the area light \"{kind}\" is not supported"))?;
                     return Ok(());
                 }
-                if let Some((_, at)) = self.word(&p, "filename")? {
-                    self.unsupported(at, "an image that shines")?;
-                }
+                let image = self.shining_image(&p)?;
                 if self.flag(&p, "twosided", false)? {
                     self.unsupported(at, "a light that shines to both sides: it shines to that of its normal")?;
                 }
                 if let Some(q) = p.get("power") {
                     self.unsupported(q.at, "an area light given by its power")?;
                 }
-                self.state.light = Some(self.emitted(&p, "L")?);
+                self.state.light = Some(Shine { color: self.emitted(&p, "L")?, image });
                 self.finish(&p, "an area light")?;
             }
             "Accelerator" | "ColorSpace" | "Option" => {
@@ -461,6 +480,23 @@ impl Importer<'_> {
             Some(q) => self.light_color(q)?,
         };
         Ok(Color(color.map(|x| x as f32 * scale)))
+    }
+
+    /// The image of an area light: linear between its texels, and beyond its rim as there.
+    fn shining_image(&mut self, p: &Parameters) -> Result<Option<ImageTexture>> {
+        let Some((name, at)) = self.word(p, "filename")? else { return Ok(None) };
+        if let Some(q) = p.get("L") {
+            return Err(self.error(q.at, "an area light has either L or an image, not both"));
+        }
+        Ok(Some(ImageTexture {
+            image: self.find(&name, at)?,
+            encoding: Encoding::Auto,
+            wrap: Wrap::Clamp,
+            wrap_v: None,
+            filter: TextureFilter::Bilinear,
+            repeat: [1.0; 2],
+            to_uv: None,
+        }))
     }
 
     fn light_color(&mut self, q: &Parameter) -> Result<[f64; 3]> {
@@ -676,10 +712,20 @@ impl Importer<'_> {
             // How pbrt writes its picture.
             let _ = p.get(name);
         }
-        for name in ["cropwindow", "pixelbounds", "sensor", "iso", "exposuretime", "whitebalance", "maxcomponentvalue"]
-        {
+        // pbrt's own values say nothing.
+        let own: [(&str, &[f64]); 7] = [
+            ("cropwindow", &[0.0, 1.0, 0.0, 1.0]),
+            ("pixelbounds", &[]),
+            ("sensor", &[]),
+            ("iso", &[100.0]),
+            ("exposuretime", &[1.0]),
+            ("whitebalance", &[0.0]),
+            ("maxcomponentvalue", &[]),
+        ];
+        for (name, value) in own {
             if let Some(q) = p.get(name)
                 && q.words[..] != ["cie1931"]
+                && (value.is_empty() || q.numbers[..] != *value)
             {
                 self.unsupported(q.at, format!("a film's {name}"))?;
             }

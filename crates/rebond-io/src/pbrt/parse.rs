@@ -10,6 +10,8 @@ use std::sync::Arc;
 const MOST_FILES: usize = 256;
 /// Includes within includes.
 const DEEPEST: usize = 16;
+/// Parameters of a directive.
+const MOST_PARAMETERS: usize = 256;
 
 /// A place in one of the files.
 #[derive(Clone, Copy, Debug, Default)]
@@ -95,6 +97,11 @@ struct Open {
     at: usize,
 }
 
+/// Where a text begins: behind the mark of its byte order, if it has one.
+fn start(text: &str) -> usize {
+    if text.starts_with('\u{feff}') { '\u{feff}'.len_utf8() } else { 0 }
+}
+
 /// The words of a scene, file by file.
 pub struct Words<'a> {
     /// The files.
@@ -110,7 +117,7 @@ impl<'a> Words<'a> {
     pub fn new(text: &str, file: &str, assets: &'a Assets) -> Self {
         let text: Arc<str> = text.into();
         let sources = Sources(vec![(file.to_string(), text.clone())]);
-        let open = vec![Open { file: 0, text, at: 0 }];
+        let open = vec![Open { file: 0, at: start(&text), text }];
         Self { sources, assets, open, peeked: None, last: Spot::default() }
     }
 
@@ -133,7 +140,7 @@ impl<'a> Words<'a> {
             String::from_utf8(bytes).map_err(|_| self.sources.error(at, format!("\"{name}\" is not UTF-8 text")))?;
         let text: Arc<str> = text.into();
         self.sources.0.push((self.assets.folder().join(name).display().to_string(), text.clone()));
-        self.open.push(Open { file: self.sources.0.len() - 1, text, at: 0 });
+        self.open.push(Open { file: self.sources.0.len() - 1, at: start(&text), text });
         Ok(())
     }
 
@@ -245,6 +252,9 @@ impl<'a> Words<'a> {
             let (Some(kind), Some(name), None) = (parts.next(), parts.next(), parts.next()) else {
                 return Err(self.sources.error(at, format!("\"{declaration}\" is not a type and a name")));
             };
+            if list.len() >= MOST_PARAMETERS {
+                return Err(self.sources.error(at, format!("more than {MOST_PARAMETERS} parameters of one directive")));
+            }
             let mut parameter = Parameter {
                 kind: kind.to_string(),
                 name: name.to_string(),

@@ -1,12 +1,13 @@
 //! Shapes, and environments.
 
 use super::parse::{Parameters, Spot};
-use super::{Importer, Result};
+use super::{Importer, Result, Shine};
 use crate::import::{SIDES, steps};
+use crate::meshes::UV_NAMES;
 use glam::{DMat4, DVec3, Vec3};
 use rebond::film::Image;
 use rebond::scene::description::{
-    Color, MaterialDescription, MaterialRef, MeshFile, ShapeDescription, Simple, Sphere, Texture,
+    MaterialDescription, MaterialRef, MeshFile, ShapeDescription, Simple, Sphere, Texture,
 };
 use rebond::shape::MeshData;
 use std::collections::{BTreeMap, BTreeSet};
@@ -27,8 +28,17 @@ impl Importer<'_> {
         let (kind, at) = self.words.quoted("a shape")?;
         let p = self.words.parameters()?;
         let (reverse, m) = (self.state.reverse, self.state.matrix);
-        let emission = self.emission(at);
-        let (material, holes) = self.surface(&p, at, emission.is_some())?;
+        let shine = self.shine(at);
+        let (material, holes) = self.surface(&p, at, shine.is_some())?;
+        let shines = shine.is_some();
+        let (material, emission, glows) = match shine {
+            Some(Shine { image: Some(radiance), color: scale }) => {
+                let glow = MaterialDescription::Glow { radiance, scale, material };
+                (MaterialRef::Inline(Box::new(glow)), None, true)
+            }
+            Some(Shine { image: None, color }) => (material, Some(color), false),
+            None => (material, None, false),
+        };
         // Where the triangles of a mesh get their coordinates from matters to what is spread over them.
         let lies = holes || self.lies(&material);
         let grouped = self.group.is_some();
@@ -53,8 +63,8 @@ impl Importer<'_> {
                 let [bottom, top] = [zmin.min(zmax), zmin.max(zmax)].map(|z| (z / r.abs()).clamp(-1.0, 1.0));
                 // A radius of 0 is a mistake that others find.
                 let whole = r == 0.0 || bottom == -1.0 && top == 1.0 && sweep == TAU;
-                if holes || !whole || !super::even(m) && (emission.is_some() || grouped) {
-                    self.warn(at, format!("a sphere becomes a mesh: it has holes, is a part of one, or is stretched where only meshes may be; of {SIDES} by {RINGS} sides"));
+                if holes || glows || !whole || !super::even(m) && (shines || grouped) {
+                    self.warn(at, format!("a sphere becomes a mesh: it has holes, shows an image, is a part of one, or is stretched where only meshes may be; of {SIDES} by {RINGS} sides"));
                     let rings = (RINGS as f64 * (bottom.acos() - top.acos()) / PI).ceil().max(1.0) as usize;
                     let row = |k: usize| {
                         let v = k as f64 / rings as f64;
@@ -166,8 +176,8 @@ impl Importer<'_> {
     }
 
     /// What the shape shines with, if it may.
-    fn emission(&mut self, at: Spot) -> Option<Color> {
-        let light = self.state.light?;
+    fn shine(&mut self, at: Spot) -> Option<Shine> {
+        let light = self.state.light.clone()?;
         if self.group.is_some() {
             self.warn(at, "what is within an object does not shine, as in pbrt");
             return None;
@@ -269,11 +279,10 @@ impl Importer<'_> {
         read.map_err(|e| self.error(at, format!("cannot read \"{}\": {e}", path.display())))?;
         let text = String::from_utf8_lossy(&bytes);
         let head = text.split("end_header").next().unwrap_or_default();
-        let has = |names: &[&str]| {
-            let properties = head.lines().filter_map(|l| l.trim().strip_prefix("property "));
-            properties.filter_map(|l| l.split_whitespace().last()).any(|name| names.contains(&name))
-        };
-        Ok(Head { normals: has(&["nx"]), uvs: has(&["u", "s", "texture_u"]) })
+        let properties = head.lines().filter_map(|l| l.trim().strip_prefix("property "));
+        let names: Vec<&str> = properties.filter_map(|l| l.split_whitespace().last()).collect();
+        let has = |wanted: &[&str]| wanted.iter().all(|name| names.contains(name));
+        Ok(Head { normals: has(&["nx", "ny", "nz"]), uvs: UV_NAMES.iter().any(|pair| has(pair)) })
     }
 
     fn rows<const N: usize>(&self, p: &Parameters, names: &[&str]) -> Result<Option<Vec<[f32; N]>>> {
@@ -290,8 +299,9 @@ impl Importer<'_> {
         };
         let normals = self.rows::<3>(p, &["N"])?;
         let uvs = self.rows::<2>(p, &["uv", "st"])?;
-        for name in ["S", "faceIndices"] {
-            let _ = p.get(name);
+        let _ = p.get("faceIndices");
+        if let Some(q) = p.get("S") {
+            self.warn(q.at, "tangents are left out: they follow the texture coordinates");
         }
         let corners = if kind == "bilinearmesh" { 4 } else { 3 };
         let order: Vec<u32> = match p.get("indices") {

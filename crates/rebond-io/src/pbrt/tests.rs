@@ -193,6 +193,26 @@ fn textures_of_numbers_are_numbers() {
     assert!((alpha(image, true).expect("a scene") - 0.75_f32.sqrt()).abs() < 1e-5);
 }
 
+/// Images shine on meshes: round shapes become some, and triangles get coordinates.
+#[test]
+fn lamps_with_images_are_meshes() {
+    let scene = read(&format!(
+        "{CAMERA}WorldBegin AreaLightSource \"diffuse\" \"string filename\" \"quarters.png\" \"float scale\" 2
+        Shape \"sphere\" Shape \"disk\" Shape \"cylinder\" Shape \"trianglemesh\" \"point3 P\" [0 0 0 1 0 0 0 1 0]"
+    ));
+    assert_eq!((scene.warnings.len(), scene.description.shapes.len()), (3, 4), "{:?}", scene.warnings);
+    for shape in &scene.description.shapes {
+        let ShapeDescription::Ply(mesh) = shape else { panic!("{shape:?}") };
+        let Some(MaterialRef::Inline(material)) = &mesh.material else { panic!("{mesh:?}") };
+        let MaterialDescription::Glow { radiance, scale, .. } = &**material else { panic!("{material:?}") };
+        assert_eq!(
+            (&*radiance.image, radiance.wrap, *scale, mesh.emission),
+            ("quarters.png", Wrap::Clamp, Color([2.0; 3]), None)
+        );
+    }
+    SceneSource::imported(scene, "a").build().unwrap_or_else(|e| panic!("{}", e.snippet()));
+}
+
 /// A round shape that is stretched is itself where the library can have it so, and a mesh where it cannot.
 #[test]
 fn stretched_spheres_are_kept_or_cut() {
@@ -288,6 +308,25 @@ fn materials_textures_and_spectra() {
     let gold = describe(r#"Material "conductor" "spectrum eta" "metal-Au-eta" "spectrum k" "metal-Au-k""#);
     let text = format!("{:?}", gold.materials);
     assert!(text.contains("0.143") && text.contains("3.983"), "{text}");
+    // Names that are pbrt's, and such as are not known.
+    let glass = |name: &str, lenient: bool| -> Result<f32> {
+        let text = format!("{CAMERA}WorldBegin Material \"dielectric\" \"spectrum eta\" \"glass-{name}\"");
+        let scene = read_pbrt(&text, "a.pbrt", &folder(), ImportOptions { lenient, ..ImportOptions::default() })?;
+        assert_eq!(scene.warnings.len(), 1, "{:?}", scene.warnings);
+        match scene.description.materials.values().next() {
+            Some(MaterialDescription::Dielectric { int_ior, .. }) => Ok(*int_ior),
+            other => panic!("{other:?}"),
+        }
+    };
+    for (name, index) in [("BK7", 1.5168), ("FK51A", 1.4866), ("F5", 1.6727), ("F10", 1.7283), ("F11", 1.7847)] {
+        assert_eq!(glass(name, false).expect("a scene"), index, "{name}");
+    }
+    assert!(glass("SF10", false).expect_err("a name").message.contains("no index of refraction is known"));
+    assert_eq!(glass("SF10", true).expect("a scene"), 1.5);
+    let brass = format!("{CAMERA}WorldBegin Material \"conductor\" \"spectrum eta\" \"metal-Xy-eta\"");
+    assert!(strict(&brass).expect_err("a name").message.contains("no metal is known"));
+    let options = ImportOptions { lenient: true, ..ImportOptions::default() };
+    assert_eq!(read_pbrt(&brass, "a.pbrt", &folder(), options).expect("a scene").warnings.len(), 1);
     // A black body's light has the luminance that its scale says.
     let scene = describe(r#"LightSource "infinite" "blackbody L" 4000 "float scale" 3"#);
     let EmitterDescription::Constant { radiance: Color([r, g, b]) } = scene.emitters[0] else { panic!("a sky") };
@@ -298,6 +337,35 @@ fn materials_textures_and_spectra() {
     );
     let ShapeDescription::Ply(shape) = &masked.shapes[0] else { panic!("a mesh") };
     assert!(format!("{:?}", shape.material).contains("Mask"));
+}
+
+/// The names that materials without one get are none of the scene's, even if it comes to those later.
+#[test]
+fn materials_without_a_name_take_none() {
+    let scene = read(&format!(
+        r#"{CAMERA}WorldBegin Material "diffuse" "rgb reflectance" [1 0 0] Shape "sphere"
+        MakeNamedMaterial "diffuse 1" "string type" "diffuse" "rgb reflectance" [0 1 0] NamedMaterial "diffuse 1" Shape "sphere""#
+    ));
+    let d = scene.description;
+    let of = |i: usize| match &d.shapes[i] {
+        ShapeDescription::Sphere(s) => match &s.material {
+            Some(MaterialRef::Named(name)) => (name.as_str(), format!("{:?}", d.materials[name])),
+            other => panic!("{other:?}"),
+        },
+        other => panic!("{other:?}"),
+    };
+    assert!(of(0).0 == "diffuse 1-2" && of(0).1.contains("[1.0, 0.0, 0.0]"), "{:?}", of(0));
+    assert!(of(1).0 == "diffuse 1" && of(1).1.contains("[0.0, 1.0, 0.0]"), "{:?}", of(1));
+}
+
+#[test]
+fn what_says_nothing_is_accepted() {
+    let film = |more: &str| strict(&format!("\u{feff}Film \"rgb\" {more} {CAMERA}WorldBegin"));
+    let scene = film("\"float iso\" 100 \"float exposuretime\" 1 \"float cropwindow\" [0 1 0 1]");
+    assert!(scene.unwrap_or_else(|e| panic!("{}", e.snippet())).warnings.is_empty());
+    assert_eq!(film("\"float iso\" 200").expect_err("an exposure").message, "a film's iso");
+    let mesh = r#"WorldBegin Shape "trianglemesh" "point3 P" [0 0 0 1 0 0 0 1 0] "vector3 S" [1 0 0 1 0 0 1 0 0]"#;
+    assert_eq!(read(&format!("{CAMERA}{mesh}")).warnings.len(), 1);
 }
 
 #[test]
@@ -319,9 +387,15 @@ fn mistakes_have_their_places() {
     );
     assert_eq!(fails("Shape \"sphere\" \"float radius\" two"), say(42, "\"two\" is not a number"));
     assert_eq!(fails("Shape \"sphere\" \"float radius\" -2"), say(18, "a sphere of radius -2"));
+    assert_eq!(
+        fails("AreaLightSource \"diffuse\" \"string filename\" \"quarters.png\" \"rgb L\" [1 1 1]"),
+        say(71, "an area light has either L or an image, not both")
+    );
     assert_eq!(fails("Translate 1 2"), say(24, "expected 3 numbers"));
     assert_eq!(fails("Material \"diffuse"), say(21, "a quote without its end"));
     assert_eq!(fails("AttributeEnd"), say(12, "AttributeEnd without a beginning"));
+    assert_eq!(fails("AttributeBegin TransformEnd"), say(27, "TransformEnd, where what began last is AttributeBegin"));
+    assert_eq!(fails("TransformBegin AttributeEnd").0, 27);
     assert_eq!(fails("AttributeBegin"), say(12, "this does not end"));
     assert_eq!(fails("Include \"no.pbrt\"").0, 20);
     assert!(fails("Include \"../../../../src/lib.rs\"").1.contains("--allow-outside"));

@@ -7,7 +7,10 @@ use rebond::integrators::IntegratorSettings;
 use rebond::math::Moments;
 use rebond::render::{Budget, Engine, PathLayer, Region, render};
 use rebond::sampling::{Sampler, SamplerSettings};
+use rebond::scene::SceneDescription;
+use rebond::scene::description::{Color, MaterialDescription, MaterialRef, Metal, ShapeDescription};
 use rebond_io::{BUILT_IN_SCENES, SceneFiles, SceneSource, from_settings};
+use std::collections::BTreeMap;
 
 pub fn settings(text: &str) -> IntegratorSettings {
     from_settings(text).expect("settings").0
@@ -220,4 +223,90 @@ pub fn coarse_ball(material: &str) -> SceneSource {
         radiance = 1
         "#
     ))
+}
+
+/// The numbers of all that a scene's shapes are made of, by kind; images stand for themselves.
+pub fn numbers_of_materials(scene: &SceneDescription) -> BTreeMap<String, Vec<Vec<f64>>> {
+    use ShapeDescription as S;
+    let mut found: BTreeMap<String, Vec<Vec<f64>>> = BTreeMap::new();
+    for shape in scene.shapes.iter().chain(scene.groups.values().flatten()) {
+        let material = match shape {
+            S::Obj(s) | S::Ply(s) => &s.material,
+            S::Mesh(s) => &s.material,
+            S::Sphere(s) => &s.material,
+            S::Rectangle(s) | S::Disk(s) | S::Cube(s) => &s.material,
+            S::Instance(_) => continue,
+        };
+        material.iter().for_each(|m| numbers_of(scene, m, &mut found));
+    }
+    found
+}
+
+fn numbers_of(scene: &SceneDescription, material: &MaterialRef, found: &mut BTreeMap<String, Vec<Vec<f64>>>) {
+    use MaterialDescription as M;
+    let mut description = match material {
+        MaterialRef::Named(name) => scene.materials[name].clone(),
+        MaterialRef::Inline(m) => (**m).clone(),
+    };
+    match &mut description {
+        M::TwoSided { front, back } => {
+            return std::iter::once(&*front).chain(&*back).for_each(|m| numbers_of(scene, m, found));
+        }
+        M::NormalMap { material, .. }
+        | M::BumpMap { material, .. }
+        | M::Mask { material, .. }
+        | M::Glow { material, .. } => return numbers_of(scene, material, found),
+        M::Mix { a, b, weight } => {
+            found.entry("mix".into()).or_default().push(vec![f64::from(*weight)]);
+            return [a, b].into_iter().for_each(|m| numbers_of(scene, m, found));
+        }
+        M::Conductor { metal, eta, k, alpha, alpha_u, alpha_v, .. } => {
+            let (n, kappa) = match metal.take() {
+                Some(Metal::Silver) => ([0.155, 0.117, 0.138], [4.828, 3.122, 2.147]),
+                Some(Metal::Aluminium) => ([1.657, 0.880, 0.521], [9.224, 6.270, 4.837]),
+                Some(Metal::Gold) => ([0.143, 0.375, 1.442], [3.983, 2.386, 1.603]),
+                Some(Metal::Copper) => ([0.200, 0.924, 1.102], [3.912, 2.452, 2.142]),
+                None => (eta.expect("an index").0, k.expect("an index").0),
+            };
+            (*eta, *k) = (Some(Color(n)), Some(Color(kappa)));
+            both_ways(alpha, alpha_u, alpha_v);
+        }
+        M::Dielectric { alpha, alpha_u, alpha_v, .. } => both_ways(alpha, alpha_u, alpha_v),
+        _ => {}
+    }
+    let value = serde_json::to_value(&description).expect("a value");
+    let (kind, fields) = value.as_object().and_then(|o| o.iter().next()).expect("a kind");
+    let mut numbers = Vec::new();
+    flatten(fields, &mut numbers);
+    found.entry(kind.clone()).or_default().push(numbers);
+}
+
+/// A roughness along both tangents.
+fn both_ways(alpha: &mut f32, along: &mut Option<f32>, across: &mut Option<f32>) {
+    (*along, *across) = (Some(along.unwrap_or(*alpha)), Some(across.unwrap_or(*alpha)));
+    *alpha = 0.0;
+}
+
+fn flatten(value: &serde_json::Value, numbers: &mut Vec<f64>) {
+    match value {
+        serde_json::Value::Number(x) => numbers.extend(x.as_f64()),
+        serde_json::Value::Array(list) => list.iter().for_each(|v| flatten(v, numbers)),
+        serde_json::Value::Object(o) if !o.contains_key("image") => o.values().for_each(|v| flatten(v, numbers)),
+        _ => {}
+    }
+}
+
+/// Whether the shapes of two scenes are made of the same: each material of one is there in the other, where that has any of its kind.
+pub fn same_materials(a: &SceneDescription, b: &SceneDescription) -> Result<(), String> {
+    let (a, b) = (numbers_of_materials(a), numbers_of_materials(b));
+    let near = |x: &Vec<f64>, y: &Vec<f64>| x.len() == y.len() && x.iter().zip(y).all(|(x, y)| (x - y).abs() <= 1e-5);
+    let shared = a.keys().filter(|kind| b.contains_key(*kind)).collect::<Vec<_>>();
+    for kind in &shared {
+        for (these, those) in [(&a[*kind], &b[*kind]), (&b[*kind], &a[*kind])] {
+            if let Some(odd) = these.iter().find(|x| !those.iter().any(|y| near(x, y))) {
+                return Err(format!("{kind} {odd:?} is none of {those:?}"));
+            }
+        }
+    }
+    if shared.is_empty() { Err(format!("{a:?} and {b:?} share no kind")) } else { Ok(()) }
 }

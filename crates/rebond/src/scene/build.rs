@@ -327,9 +327,9 @@ struct Builder<'a> {
     materials: Vec<Record>,
     named: BTreeMap<&'a str, u32>,
     textures: Textures,
-    /// Images of lamps, and which emitters show them, with the factor on them.
+    /// Images of lamps, their numbers and largest values, and which emitters show them, with the factor on them.
     glow: Textures,
-    glow_images: BTreeMap<String, u32>,
+    glow_images: Vec<(&'a ImageTexture, u32, [f32; 3])>,
     pictures: Vec<(Picture, [f32; 3])>,
     measured: Tables,
     /// Model and number of what was measured, by file.
@@ -367,7 +367,7 @@ impl<'a> Builder<'a> {
             named: BTreeMap::new(),
             textures: Textures::default(),
             glow: Textures::default(),
-            glow_images: BTreeMap::new(),
+            glow_images: Vec::new(),
             pictures: Vec::new(),
             measured: Tables::default(),
             measured_files: BTreeMap::new(),
@@ -483,20 +483,28 @@ impl<'a> Builder<'a> {
         Ok(Some((place, radiance, scale, material)))
     }
 
-    /// The number of an image of light.
-    fn glowing_image(&mut self, path: &str, texture: &ImageTexture, scale: [f32; 3]) -> Result<u32> {
+    /// The number of an image of light. It is kept once, however many lamps show it.
+    fn glowing_image(&mut self, path: &str, texture: &'a ImageTexture, scale: [f32; 3]) -> Result<u32> {
         let path = format!("{path}.radiance");
-        if let Some(known) = self.glow_images.get(&path) {
-            return Ok(*known);
-        }
-        let (size, texels) = self.image(&format!("{path}.image"), &texture.image, texture.encoding)?;
-        for t in &texels {
-            light(&format!("{path}.image"), Color([0, 1, 2].map(|c| t[c] * scale[c])))?;
-        }
-        let map = uv_map(&path, texture)?;
-        let wrap = [texture.wrap, texture.wrap_v.unwrap_or(texture.wrap)];
-        let number = self.glow.add(size, &texels, wrap, texture.filter, map);
-        self.glow_images.insert(path, number);
+        let known = self.glow_images.iter().find(|(known, ..)| *known == texture);
+        let (number, most) = match known {
+            Some((_, number, most)) => (*number, *most),
+            None => {
+                let place = format!("{path}.image");
+                let (size, texels) = self.image(&place, &texture.image, texture.encoding)?;
+                let mut most = [0.0_f32; 3];
+                for t in &texels {
+                    let t = light(&place, Color(*t))?;
+                    most = [0, 1, 2].map(|c| most[c].max(t[c]));
+                }
+                let map = uv_map(&path, texture)?;
+                let wrap = [texture.wrap, texture.wrap_v.unwrap_or(texture.wrap)];
+                let number = self.glow.add(size, &texels, wrap, texture.filter, map);
+                self.glow_images.push((texture, number, most));
+                (number, most)
+            }
+        };
+        light(&format!("{path}.image"), Color([0, 1, 2].map(|c| most[c] * scale[c])))?;
         Ok(number)
     }
 
@@ -994,6 +1002,15 @@ impl<'a> Builder<'a> {
         if flags & (HAS_NORMALS | HAS_UVS) != 0 {
             self.features.normals = true;
         }
+        part.geometry.positions.reserve(mesh.positions.len());
+        part.geometry.triangles.reserve(mesh.triangles.len());
+        part.triangles.reserve(mesh.triangles.len());
+        self.vertices.reserve(mesh.positions.len());
+        if self.features.normals {
+            // Meshes before this one have none.
+            self.normals.resize(self.vertices.len(), Record([0.0; 4]));
+            self.normals.reserve(mesh.positions.len());
+        }
         for (i, p) in mesh.positions.iter().enumerate() {
             let p = to_world(*p);
             let [u, v] = mesh.uvs.as_ref().map_or([0.0; 2], |uv| uv[i]);
@@ -1003,7 +1020,9 @@ impl<'a> Builder<'a> {
                 Some(n) => (normal_matrix * DVec3::from(n[i].map(f64::from))).normalize_or_zero().as_vec3(),
                 None => Vec3::ZERO,
             };
-            self.normals.push(Record([n.x, n.y, n.z, v]));
+            if self.features.normals {
+                self.normals.push(Record([n.x, n.y, n.z, v]));
+            }
         }
         for t in &mesh.triangles {
             let [a, b, c] = if mirrored { [t[0], t[2], t[1]] } else { *t };
@@ -1218,7 +1237,12 @@ impl<'a> Builder<'a> {
         let mut extents: Vec<Extent> = Vec::new();
         for part in parts {
             extents.push([primitives.len() as u32, part.triangles.len() as u32, part.count()]);
-            primitives.extend(part.triangles.into_iter().chain(part.spheres).chain(part.disks));
+            if primitives.is_empty() {
+                primitives = part.triangles;
+            } else {
+                primitives.extend(part.triangles);
+            }
+            primitives.extend(part.spheres.into_iter().chain(part.disks));
             geometries.push(part.geometry);
         }
         self.features.instances = placed.len() > 1;
@@ -1265,9 +1289,6 @@ impl<'a> Builder<'a> {
         let radius = if lo[0] <= hi[0] && radius > 0.0 { radius } else { 1.0 };
         if self.emitters.is_empty() {
             self.warnings.push("the scene has no light".into());
-        }
-        if !self.features.normals {
-            self.normals = Vec::new();
         }
         let mut known = self.emitters.clone();
         let triangle = |e: u32| matches!(self.emitters[e as usize], Emitter::Triangle { .. });
