@@ -36,7 +36,9 @@ fn rename(material: &mut MaterialRef, names: &BTreeMap<String, String>) {
 fn rename_within(material: &mut MaterialDescription, names: &BTreeMap<String, String>) {
     use MaterialDescription as M;
     match material {
-        M::TwoSided { front: inner, .. } | M::Mask { material: inner, .. } => rename(inner, names),
+        M::TwoSided { front: inner, .. } | M::Mask { material: inner, .. } | M::Glow { material: inner, .. } => {
+            rename(inner, names);
+        }
         M::Mix { a, b, .. } => [a, b].into_iter().for_each(|m| rename(m, names)),
         _ => {}
     }
