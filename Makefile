@@ -54,7 +54,7 @@ miri: tools
 doc: tools
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --workspace --lib --no-deps
 
-# The chapters are what `rebond lecture` says: QUALITY=quick is a matter of minutes, full of an hour.
+# The chapters are what `rebond lecture` says: QUALITY=quick is a matter of minutes, full takes longer.
 QUALITY ?= full
 book: tools
 	@command -v mdbook >/dev/null || { echo "make: mdBook is missing: cargo install mdbook" >&2; exit 1; }
