@@ -9,8 +9,9 @@ use crate::error::Error;
 use glam::{DMat4, DVec3};
 use rebond::film::Image;
 use rebond::scene::SceneDescription;
-use rebond::scene::description::{CameraDescription, FovAxis, LookAt, Transform, TransformStep};
+use rebond::scene::description::{CameraDescription, FovAxis, ImageTexture, LookAt, Transform, TransformStep};
 use rebond::shape::MeshData;
+use rebond::texture::{Encoding, TextureFilter, UvMap, Wrap};
 use std::collections::{BTreeMap, HashSet};
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
@@ -265,6 +266,19 @@ pub(crate) fn tube() -> MeshData {
     }
     mesh.triangles = (0..SIDES).flat_map(|i| [[2 * i, 2 * i + 2, 2 * i + 3], [2 * i, 2 * i + 3, 2 * i + 1]]).collect();
     mesh
+}
+
+/// An image whose texels are squares, again and again: of checkerboards.
+pub fn squares(image: String, to_uv: UvMap) -> ImageTexture {
+    ImageTexture {
+        image,
+        encoding: Encoding::Linear,
+        wrap: Wrap::Repeat,
+        wrap_v: None,
+        filter: TextureFilter::Nearest,
+        repeat: [1.0; 2],
+        to_uv: Some(to_uv),
+    }
 }
 
 /// `name` itself, or with a number, so that `taken` does not hold. It is asked about few of many names: twice as far each time until

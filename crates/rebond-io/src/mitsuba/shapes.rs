@@ -219,6 +219,11 @@ impl Importer {
         let [normals, uvs] = self.normals_and_uvs(&file, &at)?;
         // Those that triangles have by themselves are the same.
         let c = self.common(o, if flipped && uvs { Lie::Flipped } else { Lie::Same })?;
+        self.placed(o, c, file, normals)
+    }
+
+    /// A mesh in a file that has normals or has none.
+    fn placed(&mut self, o: &Object, c: Common, file: String, normals: bool) -> Result<MeshFile> {
         let face_normals = self.flag(o, "face_normals", false)?;
         let flip = self.flag(o, "flip_normals", false)?;
         // Mirrored, Mitsuba's meshes are turned inside out, but for those that bring normals.
@@ -253,7 +258,7 @@ impl Importer {
             };
             match word {
                 Some(b"vn" | b"nx") => found[0] = true,
-                Some(b"vt" | b"u" | b"s" | b"texture_u") => found[1] = true,
+                Some(b"vt" | b"u" | b"s" | b"texture_u" | b"texture_s") => found[1] = true,
                 _ => {}
             }
         }
@@ -270,22 +275,13 @@ impl Importer {
             i => return Err(self.error(&o.at, format!("{i} is no shape_index"))),
         };
         let flipped = self.flag(o, "flip_tex_coords", false)?;
-        let (face_normals, flip) = (self.flag(o, "face_normals", false)?, self.flag(o, "flip_normals", false)?);
         let bytes = self.assets.read(&file).map_err(|m| self.error(&at, m))?;
         let mesh = super::serialized::read(&bytes, index).map_err(|m| self.error(&at, format!("\"{file}\": {m}")))?;
         let c = self.common(o, if flipped && mesh.uvs.is_some() { Lie::Flipped } else { Lie::Same })?;
-        let inside_out = c.matrix.determinant() < 0.0 && (face_normals || mesh.normals.is_none());
+        let normals = mesh.normals.is_some();
         let stem = std::path::Path::new(&file).file_stem().map_or("mesh".into(), |s| s.to_string_lossy().into_owned());
         let file = self.assets.add_mesh(&format!("{stem}-{index}"), mesh);
-        Ok(ShapeDescription::Ply(MeshFile {
-            file,
-            face_normals,
-            smooth_normals: !face_normals,
-            flip_normals: flip != inside_out,
-            material: c.material,
-            emission: c.emission,
-            to_world: steps(c.matrix),
-        }))
+        Ok(ShapeDescription::Ply(self.placed(o, c, file, normals)?))
     }
 
     /// An open tube.

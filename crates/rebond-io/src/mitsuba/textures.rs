@@ -1,6 +1,7 @@
 //! Textures: images and checkerboards, put upright for the shapes that they are on.
 
 use super::{Importer, Object, Property, Result, Spot, Use, Value, color};
+use crate::import::squares;
 use glam::{DMat3, DMat4, DVec3};
 use rebond::film::Image;
 use rebond::scene::description::{ImageTexture, Texture};
@@ -131,15 +132,7 @@ impl Importer {
         self.finish(o)?;
         let [a, b] = colors;
         let image = self.assets.add_image("checkerboard", Image::from_rgb(2, 2, &[a, b, b, a]));
-        Ok(ImageTexture {
-            image,
-            encoding: Encoding::Linear,
-            wrap: Wrap::Repeat,
-            wrap_v: None,
-            filter: TextureFilter::Nearest,
-            repeat: [1.0; 2],
-            to_uv: Some(to_uv),
-        })
+        Ok(squares(image, to_uv))
     }
 
     /// Where a file is; it must be there, and may be opened.

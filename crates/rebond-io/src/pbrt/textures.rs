@@ -9,6 +9,7 @@
 
 use super::parse::{Parameter, Parameters, Spot};
 use super::{Importer, Result};
+use crate::import::squares;
 use crate::mitsuba::spectra::{self, Use};
 use rebond::film::Image;
 use rebond::scene::description::{Color, ImageTexture, Texture};
@@ -188,15 +189,7 @@ impl Importer<'_> {
         // A period is two squares.
         let image = self.assets.add_image("checkerboard", Image::from_rgb(2, 2, &[b, a, a, b]));
         let to_uv = self.mapping(p, at, 0.5)?;
-        Ok(Known::Picture(Box::new(Picture::of(ImageTexture {
-            image,
-            encoding: Encoding::Linear,
-            wrap: Wrap::Repeat,
-            wrap_v: None,
-            filter: TextureFilter::Nearest,
-            repeat: [1.0; 2],
-            to_uv: Some(to_uv),
-        }))))
+        Ok(Known::Picture(Box::new(Picture::of(squares(image, to_uv)))))
     }
 
     fn imagemap(&mut self, p: &Parameters, at: Spot, float: bool) -> Result<Picture> {
