@@ -200,11 +200,6 @@ impl<T: Placed> PointGrid<T> {
     pub fn is_empty(&self) -> bool {
         self.items.is_empty()
     }
-
-    /// Bytes it takes.
-    pub fn bytes(&self) -> usize {
-        self.items.capacity() * (size_of::<T>() + 12) + (self.starts.capacity() + self.cells.capacity()) * 4
-    }
 }
 
 #[cfg(test)]
