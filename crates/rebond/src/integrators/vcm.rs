@@ -41,7 +41,8 @@ use crate::sampling::Sampler;
 use crate::scene::{Scene, is_hit};
 use crate::transport::sub_path::{Ending, LENS, MOMENT, PER_BOUNCE, PIXEL, light_dimensions};
 use crate::transport::{
-    Heuristic, Neighbours, Particle, PointGrid, Roulette, Sheets, Source, SubPath, Vertex, Ways, first_radius, shrunk,
+    Heuristic, Neighbours, Particle, PointGrid, Roulette, Sheets, Source, SubPath, Vertex, Walk, Ways, first_radius,
+    shrunk,
 };
 use rebond_bvh::Trace;
 use rebond_lanes::scalar::Index1;
@@ -153,8 +154,8 @@ struct Now {
 struct Work<'a, F: Real> {
     sampler: Sampler,
     now: Now,
-    /// Vertices of the light's walks, without their origins.
-    light: Vec<Vertex<'a, F>>,
+    /// The light's walks.
+    light: Walk<'a, F>,
     neighbours: Neighbours,
     ways: Ways<'a, F>,
     rays: Rays,
@@ -235,10 +236,12 @@ impl<'a> Vcm<'a> {
         }
     }
 
-    /// Draws the walks from the light; `each` is told of every ray, with what it hits, and of every vertex.
+    /// Draws the walks from the light; `crosses` is told of every ray, with where it ends, and `each` of every vertex. Vertices stay
+    /// if `keep` says so.
     fn light_walk<F: Trace>(
         &self,
         samples: &Samples<F>,
+        (walk, keep): (&mut Walk<'a, F>, bool),
         work: &mut Work<'a, F>,
         begin: impl FnOnce(&Source<F>, &Dimensions<F>, F, &mut Work<'a, F>),
         crosses: impl Fn(&SubPath<'a, F>, F, &Dimensions<F>, F::Mask, &mut Work<'a, F>),
@@ -264,9 +267,13 @@ impl<'a> Vcm<'a> {
             if alive.none() || path.segments >= self.max_depth {
                 return;
             }
-            let mut vertex = path.arrive(&hit, &u, alive);
-            each(&mut vertex, &mut path, &u, work);
-            alive = path.scatter(&mut vertex, &u, &self.ending);
+            if !keep {
+                walk.clear();
+            }
+            walk.arrive(&mut path, &hit, &u, alive);
+            let Some((vertex, _)) = walk.split_last() else { return };
+            each(vertex, &mut path, &u, work);
+            alive = path.scatter(vertex, &u, &self.ending);
         }
     }
 
@@ -275,8 +282,10 @@ impl<'a> Vcm<'a> {
         let to_lens = self.connects() || self.mode == VcmMode::Light;
         let numbers = |u: &Dimensions<F>| [u.pair(LENS), u.pair(PIXEL)];
         let now = work.now;
+        let mut light = std::mem::take(&mut work.light);
         self.light_walk(
             samples,
+            (&mut light, false),
             work,
             |source, u, time, work| {
                 if to_lens {
@@ -300,6 +309,7 @@ impl<'a> Vcm<'a> {
                 }
             },
         );
+        work.light = light;
     }
 
     /// The same walks again, their vertices kept.
@@ -307,17 +317,14 @@ impl<'a> Vcm<'a> {
         let now = work.now;
         let mut light = std::mem::take(&mut work.light);
         light.clear();
-        // The last vertex has not been left yet when it is kept, but nobody asks how it was.
         let rays = std::mem::take(&mut work.rays);
         self.light_walk(
             samples,
+            (&mut light, true),
             work,
             |_, _, _, _| (),
             |_, _, _, _, _| (),
-            |vertex, path, _, _| {
-                self.may_merge(path, vertex, &now);
-                light.push(*vertex);
-            },
+            |vertex, path, _, _| self.may_merge(path, vertex, &now),
         );
         (work.light, work.rays) = (light, rays);
     }
@@ -344,19 +351,28 @@ impl<'a> Vcm<'a> {
                 return;
             }
             let mut vertex = path.arrive(&hit, &u, found);
+            let diffuse = found.and_not(vertex.bsdf.is_specular());
+            if self.merges() {
+                work.neighbours.ask(grid, vertex.surface.p, diffuse);
+            }
             work.ways.hit_light(&path, &vertex, state);
             if path.segments >= self.max_depth {
                 return;
             }
-            let diffuse = found.and_not(vertex.bsdf.is_specular());
             if diffuse.any() {
-                if self.merges() {
-                    self.merge(&path, &vertex, diffuse, grid, work);
-                }
+                let without_merging = vertex.near;
                 self.may_merge(&mut path, &mut vertex, &now);
                 if self.connects() {
                     work.ways.ask_light(&path, &vertex, state, &u, diffuse);
-                    work.ways.connect_walks(&work.light, &path, &vertex, state, diffuse);
+                }
+                if self.merges() {
+                    work.neighbours.find(grid);
+                }
+                if self.connects() {
+                    work.ways.connect_walks(work.light.vertices(), &path, &vertex, state, diffuse);
+                }
+                if self.merges() {
+                    self.merge(&path, &vertex, without_merging, grid, work);
                 }
             }
             if self.mode == VcmMode::Photon {
@@ -369,18 +385,19 @@ impl<'a> Vcm<'a> {
         }
     }
 
-    /// Merging: with every particle within the radius. A of neither walk has the merging here in it yet.
+    /// Merging: with every particle within the radius that was asked for. A of neither walk, `near` that of the eye's, has the
+    /// merging here in it.
     fn merge<F: Trace>(
         &self,
         path: &SubPath<'a, F>,
         z: &Vertex<'a, F>,
-        mask: F::Mask,
+        near: F,
         grid: &PointGrid<Particle>,
         work: &mut Work<'a, F>,
     ) {
         let (h, now, longest) = (self.heuristic, work.now, self.max_depth - path.segments);
         let (ways, per_eta) = (&mut work.ways, F::splat(now.eta.recip()));
-        work.neighbours.each(grid, z.surface.p, longest, mask, |y| {
+        work.neighbours.each(grid, longest, |y| {
             let (value, back) = z.eval_both_ways(y.w, TransportMode::Radiance, y.mask);
             let light = z.throughput * y.reflected(z, value.f) * F::splat(now.scale);
             let lit = y.mask & light.is_lit();
@@ -388,7 +405,7 @@ impl<'a> Vcm<'a> {
                 return;
             }
             let by_eye = h.sum(y.sums[0], value.pdf.0 * y.sums[1]) * per_eta;
-            let by_light = h.sum(z.near, back * z.far) * per_eta;
+            let by_light = h.sum(near, back * z.far) * per_eta;
             let weight = ways.weight([by_eye, by_light]);
             ways.sheets.add(PathClasses::start::<F>(), None, light, weight, lit);
         });
@@ -398,7 +415,7 @@ impl<'a> Vcm<'a> {
         Work {
             sampler: tiles.sampler(&self.sampler),
             now,
-            light: Vec::new(),
+            light: Walk::default(),
             neighbours: Neighbours::default(),
             ways: Ways {
                 scene: self.scene,
