@@ -79,7 +79,7 @@ fn lights_without_extent() {
         ("vcm:max_depth=4", 128),
         ("vcm:max_depth=4,radius=0.05", 128),
         // The weights leave merging little here: by itself it shows.
-        ("vcm:max_depth=4,mode=merging,radius=0.1", 256),
+        ("vcm:max_depth=4,mode=merging,radius=0.1", 1024),
     ];
     agree_on("point-lights", &source, &all, 20.0);
 }
