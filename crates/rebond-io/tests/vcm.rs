@@ -139,7 +139,9 @@ fn same_bits() {
         for threads in [2, 5] {
             assert!(film(0, 9, threads) == whole, "{text}: {threads} threads");
         }
-        let mut parts = film(0, 4, 2);
+        // Both where weights change and where they do not.
+        let mut parts = film(0, 3, 2);
+        parts.merge(&film(3, 1, 2));
         parts.merge(&film(4, 5, 2));
         assert!(parts == whole, "{text}: in parts");
     }
