@@ -124,7 +124,7 @@ impl Slide {
         let cells = size.map(|n| n + u32::from(interpolated));
         let mut slide =
             Self { window, size, interpolated, corners, scale: 1.0, grid: Grid::new([1, 1], &[1.0])?, power: [0.0; 3] };
-        let step = POINTS.div_ceil(size[0].min(size[1]));
+        let steps = size.map(|n| POINTS.div_ceil(n));
         let (mut weights, mut sum, mut power) = (Vec::new(), 0.0, [0.0_f64; 3]);
         let solid = f64::from(4.0 * window.extent[0] * window.extent[1]) / f64::from(size[0]) / f64::from(size[1]);
         for j in 0..cells[1] {
@@ -134,13 +134,14 @@ impl Slide {
                 let weight = four.iter().map(|corner| corner[3]).sum::<f32>() / 4.0 * area;
                 weights.push(weight);
                 sum += f64::from(weight);
-                for k in 0..step * step {
-                    let at = [k % step, k / step].map(|k| (k as f32 + 0.5) / step as f32);
+                for k in 0..steps[0] * steps[1] {
+                    let at = [(k % steps[0]) as f32 + 0.5, (k / steps[0]) as f32 + 0.5];
+                    let at = [0, 1].map(|side| at[side] / steps[side] as f32);
                     let (color, _) = between(&four, at[0], at[1]);
                     let place = [slide.within(i as f32, at[0], 0), slide.within(j as f32, at[1], 1)];
                     let r2: f32 = window.place(place).length_squared();
                     let factor =
-                        f64::from(window.factor(r2) * area / (r2 * r2.sqrt())) * solid / f64::from(step * step);
+                        f64::from(window.factor(r2) * area / (r2 * r2.sqrt())) * solid / f64::from(steps[0] * steps[1]);
                     power.iter_mut().zip(color.lane(0)).for_each(|(p, c)| *p += f64::from(c) * factor);
                 }
             }
