@@ -298,7 +298,7 @@ fn pictures_lie_as_in_mitsuba() {
 #[test]
 fn a_converted_scene_is_the_same_picture() {
     let folder = tempfile::tempdir().expect("a folder");
-    for name in ["shapes", "glow", "meshes", "nested", "sky", "wraps", "thin-lens", "glass"] {
+    for name in ["shapes", "glow", "meshes", "nested", "sky", "wraps", "thin-lens", "glass", "projectors", "window"] {
         let mut source = SceneSource::open(&data().join(format!("{name}.xml")).display().to_string()).expect("a scene");
         (source.description.film.width, source.description.film.height) = (24, 16);
         let out = folder.path().join(format!("{name}.toml"));
@@ -389,6 +389,42 @@ fn images_shine_on_meshes_that_say_where() {
     let scene = read_mitsuba(&text, "a.xml", folder.path(), ImportOptions::default()).expect("a scene");
     let error = SceneSource::imported(scene, "a").build().map(|_| ()).expect_err("no uvs");
     assert_eq!((error.line(), &*error.message), (Some(7), "an image that shines on a mesh without uvs"));
+}
+
+/// What shines through an image that cannot be had.
+#[test]
+fn slides_that_cannot_be_had_are_refused() {
+    let bitmap = "<string name=\"filename\" value=\"parts/quarters.png\"/>";
+    let spot = |texture: &str, more: &str| {
+        scene([2, 2], &format!("<emitter type=\"spot\"><texture name=\"texture\" {texture}</texture>{more}</emitter>"))
+    };
+    let good = spot(&format!("type=\"bitmap\">{bitmap}"), "");
+    let d = strict(&good).unwrap_or_else(|e| panic!("{}", e.snippet())).description;
+    let EmitterDescription::Projector { fov, aspect, cutoff_angle, beam_width, even, .. } = &d.emitters[0] else {
+        panic!("{:?}", d.emitters)
+    };
+    assert_eq!((*fov, *aspect, *cutoff_angle, *beam_width, *even), (40.0, Some(1.0), Some(20.0), Some(15.0), false));
+    for (text, message) in [
+        (spot("type=\"checkerboard\">", ""), "a checkerboard for the \"texture\" of a light: only bitmaps are"),
+        (
+            spot(&format!("type=\"bitmap\">{bitmap}<transform name=\"to_uv\"><scale value=\"2\"/></transform>"), ""),
+            "an image that a light shines through and a to_uv moves: it stays",
+        ),
+        (
+            spot(&format!("type=\"bitmap\">{bitmap}"), "<float name=\"cutoff_angle\" value=\"90\"/>"),
+            "the cutoff_angle of a spot with a texture is between 0 and 89.5",
+        ),
+        (scene([2, 2], "<emitter type=\"projector\"/>"), "the irradiance is missing"),
+        (
+            scene(
+                [2, 2],
+                "<emitter type=\"projector\"><rgb name=\"irradiance\" value=\"1, 1, 1\"/><transform name=\"to_world\"><scale x=\"2\"/></transform></emitter>",
+            ),
+            "a projector that is stretched or sheared",
+        ),
+    ] {
+        assert_eq!(fails(&text).2, message);
+    }
 }
 
 #[test]
