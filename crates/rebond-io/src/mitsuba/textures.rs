@@ -4,7 +4,7 @@ use super::{Importer, Object, Property, Result, Spot, Use, Value, color};
 use crate::import::squares;
 use glam::{DMat3, DMat4, DVec3};
 use rebond::film::Image;
-use rebond::scene::description::{ImageTexture, Texture};
+use rebond::scene::description::{AttributeTexture, Color, ImageTexture, NumberTexture, Texture};
 use rebond::texture::{Encoding, TextureFilter, UvMap, Wrap};
 use std::rc::Rc;
 
@@ -57,11 +57,25 @@ impl Importer {
         match o.plugin.as_str() {
             "bitmap" => Ok(Texture::Image(self.bitmap(&o, lie, colours)?)),
             "checkerboard" => Ok(Texture::Image(self.checkerboard(&o, lie)?)),
+            "mesh_attribute" => Ok(Texture::Attribute(self.mesh_attribute(&o)?)),
             _ => {
                 self.unknown_plugin(&o)?;
                 Ok(Texture::grey(0.5))
             }
         }
+    }
+
+    /// What a mesh knows of its vertices or faces.
+    fn mesh_attribute(&mut self, o: &Object) -> Result<AttributeTexture> {
+        let Some((attribute, at)) = self.text(o, "name")? else {
+            return Err(self.error(&o.at, "the name of the attribute is missing"));
+        };
+        if !attribute.starts_with("vertex_") && !attribute.starts_with("face_") {
+            return Err(self.error(&at, format!("\"{attribute}\" starts with neither vertex_ nor face_")));
+        }
+        let scale = Color([self.number_or(o, "scale", 1.0)?; 3]);
+        self.finish(o)?;
+        Ok(AttributeTexture { attribute, scale, image: None })
     }
 
     fn uv_map(&mut self, o: &Object, lie: Lie) -> Result<UvMap> {
@@ -112,7 +126,16 @@ impl Importer {
             file = self.assets.add_image(&format!("{stem} linear"), image);
         }
         let encoding = if raw { Encoding::Linear } else { Encoding::Auto };
-        Ok(ImageTexture { image: file, encoding, wrap, wrap_v: None, filter, repeat: [1.0; 2], to_uv: Some(to_uv) })
+        Ok(ImageTexture {
+            image: file,
+            encoding,
+            wrap,
+            wrap_v: None,
+            filter,
+            repeat: [1.0; 2],
+            to_uv: Some(to_uv),
+            channel: None,
+        })
     }
 
     /// Two by two texels, whatever their size is.
@@ -146,6 +169,27 @@ impl Importer {
     pub fn image(&self, file: &str, at: &Spot) -> Result<Image> {
         let bytes = self.assets.read(file).map_err(|m| self.error(at, m))?;
         crate::read_image(&bytes, file).map_err(|e| self.error(at, format!("\"{file}\": {}", e.message)))
+    }
+
+    /// A number that may vary over the surface, at least `least`.
+    pub fn number_texture(
+        &mut self,
+        o: &Object,
+        name: &str,
+        default: f64,
+        least: f32,
+        lie: Lie,
+    ) -> Result<NumberTexture> {
+        if let Some(p) = o.get(name)
+            && self.color(p, Use::Unbounded)?.is_none()
+        {
+            match self.texture_of(p, lie, false)? {
+                Texture::Image(image) => return Ok(NumberTexture::Image(image)),
+                Texture::Attribute(attribute) => return Ok(NumberTexture::Attribute(attribute)),
+                Texture::Constant(_) => {}
+            }
+        }
+        Ok(NumberTexture::Constant(self.one_number(o, name, default)?.max(least)))
     }
 
     /// The one number that a property is, where rebond has no texture; the mean of what varies.

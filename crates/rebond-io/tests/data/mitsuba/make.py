@@ -66,19 +66,24 @@ def obj(path, with_normals):
     path.write_text("\n".join(lines) + "\n")
 
 
-def ply(path, with_normals):
+def ply(path, with_normals, attributes=False):
+    """Attributes are a colour and a number of vertices, and a colour of faces."""
     points, uvs, faces = surface(24, 12)
     triangles = [t for f in faces for t in ((f[0], f[1], f[2]), (f[0], f[2], f[3]))]
-    columns = ["x", "y", "z"] + (["nx", "ny", "nz"] if with_normals else []) + ["u", "v"]
+    columns = ["x", "y", "z"] + (["nx", "ny", "nz"] if with_normals else []) + ["u", "v"] + (["r", "g", "b", "rough_x"] if attributes else [])
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
     header += [f"property float {c}" for c in columns]
-    header += [f"element face {len(triangles)}", "property list uchar int vertex_indices", "end_header", ""]
+    header += [f"element face {len(triangles)}", "property list uchar int vertex_indices"]
+    header += [f"property float tone_{c}" for c in "rgb" if attributes] + ["end_header", ""]
     data = "\n".join(header).encode()
+    wave = lambda x: 0.5 + 0.4 * math.sin(x)
     for p, n, t in zip(points, normals(points), uvs):
         row = p + (n if with_normals else ()) + t
+        row += (wave(3 * p[0]), wave(2 * p[1] + 1), wave(4 * p[2]), wave(2 * p[0] - 3 * p[2])) if attributes else ()
         data += struct.pack(f"<{len(row)}f", *row)
-    for t in triangles:
+    for i, t in enumerate(triangles):
         data += struct.pack("<B3i", 3, *t)
+        data += struct.pack("<3f", wave(i), wave(1.7 * i), wave(i // 48)) if attributes else b""
     path.write_bytes(data)
 
 
@@ -126,6 +131,7 @@ def main():
     obj(HERE / "lump-normals.obj", True)
     ply(HERE / "lump.ply", False)
     ply(HERE / "lump-normals.ply", True)
+    ply(HERE / "painted.ply", False, True)
     serialized(HERE / "two.serialized")
 
 
