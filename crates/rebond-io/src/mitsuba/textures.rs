@@ -56,7 +56,7 @@ impl Importer {
         let Some(o) = self.object(p)? else { return self.wrong(p, "a texture") };
         match o.plugin.as_str() {
             "bitmap" => Ok(Texture::Image(self.bitmap(&o, lie, colours)?)),
-            "checkerboard" => Ok(Texture::Image(self.checkerboard(&o, lie)?)),
+            "checkerboard" => Ok(Texture::Image(self.checkerboard(&o, lie, colours)?)),
             "mesh_attribute" => Ok(Texture::Attribute(self.mesh_attribute(&o)?)),
             _ => {
                 self.unknown_plugin(&o)?;
@@ -138,8 +138,8 @@ impl Importer {
         })
     }
 
-    /// Two by two texels, whatever their size is.
-    fn checkerboard(&mut self, o: &Object, lie: Lie) -> Result<ImageTexture> {
+    /// Two by two texels, whatever their size is. Where Mitsuba asks it for a number, not a colour, it gives that of the other squares.
+    fn checkerboard(&mut self, o: &Object, lie: Lie, colours: bool) -> Result<ImageTexture> {
         let mut side = |name: &str, default: f64| match o.get(name) {
             None => Ok([default; 3]),
             Some(p) => match self.color(p, Use::Reflectance)? {
@@ -153,7 +153,7 @@ impl Importer {
         let colors = [side("color0", 0.4)?, side("color1", 0.2)?].map(|c| c.map(|x| x as f32));
         let to_uv = self.uv_map(o, lie)?;
         self.finish(o)?;
-        let [a, b] = colors;
+        let [a, b] = if colours { colors } else { [colors[1], colors[0]] };
         let image = self.assets.add_image("checkerboard", Image::from_rgb(2, 2, &[a, b, b, a]));
         Ok(squares(image, to_uv))
     }
