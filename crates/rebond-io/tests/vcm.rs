@@ -79,7 +79,7 @@ fn lights_without_extent() {
         ("vcm:max_depth=4", 128),
         ("vcm:max_depth=4,radius=0.05", 128),
         // The weights leave merging little here: by itself it shows.
-        ("vcm:max_depth=4,mode=merging,radius=0.1", 256),
+        ("vcm:max_depth=4,mode=merging,radius=0.1", 1024),
     ];
     agree_on("point-lights", &source, &all, 20.0);
 }
@@ -139,7 +139,9 @@ fn same_bits() {
         for threads in [2, 5] {
             assert!(film(0, 9, threads) == whole, "{text}: {threads} threads");
         }
-        let mut parts = film(0, 4, 2);
+        // Both where weights change and where they do not.
+        let mut parts = film(0, 3, 2);
+        parts.merge(&film(3, 1, 2));
         parts.merge(&film(4, 5, 2));
         assert!(parts == whole, "{text}: in parts");
     }

@@ -213,6 +213,10 @@ impl Filter {
     #[inline(never)]
     pub fn splat<F: Real>(&self, raster: [F; 2], u: [F; 2]) -> ([F; 2], F) {
         let radius = self.settings.radius();
+        if self.uniform == Some(0.5) {
+            // Pixels do not overlap.
+            return (raster.map(F::floor), F::one());
+        }
         let pixels = (2.0 * radius).ceil() as usize;
         let axis = |r: F, u: F| {
             let center = r - 0.5;

@@ -12,6 +12,10 @@
 //! many pixels vary more or less than the sum of these variances says. Where that matters, take the spread of several films.
 
 use super::accumulator::{LARGEST_SAMPLE, Pixel, SQUARE_BITS, SQUARES_REACH, VALUE_BITS, WEIGHT_BITS};
+use rebond_lanes::prefetch;
+
+/// How many splats ahead their pixels are asked for.
+const AHEAD: usize = 16;
 
 /// What one path brings to one pixel.
 #[derive(Clone, Copy, Debug)]
@@ -109,23 +113,19 @@ impl Gathered {
         self.paths += splats.paths;
         self.weights += splats.paths * unit;
         self.squared_weights += splats.paths * unit * unit;
-        // In steps, so that several far pixels are fetched at a time.
-        let mut received = [Received::default(); 32];
-        for some in splats.list.chunks(received.len()) {
-            for (received, splat) in received.iter_mut().zip(some) {
-                let light = splat.light.map(|x| x * weight);
-                let good = light.iter().all(|x| x.abs() < LARGEST_SAMPLE);
-                *received = if good { Received::of(light) } else { Received::default() };
-                // It is a layer's as well; it is one all the same.
-                self.dropped += u64::from(!good && splat.sheet == 0);
+        for (number, splat) in splats.list.iter().enumerate() {
+            // Pixels are far apart: those of splats to come are on their way meanwhile.
+            if let Some(soon) = splats.list.get(number + AHEAD) {
+                let pixel = &self.sheet(soon.sheet as usize, pixels)[soon.pixel as usize];
+                prefetch(&pixel.sum);
+                prefetch(&pixel.squares[2]);
             }
-            let fetched = some.iter().fold(0, |fetched, splat| {
-                let pixel = &self.sheet(splat.sheet as usize, pixels)[splat.pixel as usize];
-                fetched ^ pixel.sum[0] ^ pixel.squares[2]
-            });
-            std::hint::black_box(fetched);
-            for (received, splat) in received.iter().zip(some) {
-                self.sheet(splat.sheet as usize, pixels)[splat.pixel as usize].merge(received);
+            let light = splat.light.map(|x| x * weight);
+            if light.iter().all(|x| x.abs() < LARGEST_SAMPLE) {
+                self.sheet(splat.sheet as usize, pixels)[splat.pixel as usize].merge(&Received::of(light));
+            } else {
+                // It is a layer's as well; it is one all the same.
+                self.dropped += u64::from(splat.sheet == 0);
             }
         }
     }

@@ -19,7 +19,7 @@ use crate::render::{
 use crate::sampling::Sampler;
 use crate::scene::{Scene, is_hit};
 use crate::transport::sub_path::{Ending, LENS, PER_BOUNCE, PIXEL, light_dimensions};
-use crate::transport::{Heuristic, Roulette, Sheets, Source, SubPath, Vertex, Ways};
+use crate::transport::{Heuristic, Roulette, Sheets, Source, SubPath, Walk, Ways};
 use rebond_bvh::Trace;
 use rebond_lanes::{F32x16, Index, Mask, Real};
 use serde::{Deserialize, Serialize};
@@ -109,8 +109,8 @@ pub struct Bidirectional<'a> {
 /// What a worker keeps from sample to sample.
 struct Work<'a, F: Real> {
     sampler: Sampler,
-    /// Vertices of the light's walks, without their origins.
-    light: Vec<Vertex<'a, F>>,
+    /// The light's walks.
+    light: Walk<'a, F>,
     ways: Ways<'a, F>,
     rays: Rays,
 }
@@ -162,16 +162,16 @@ impl<'a> Bidirectional<'a> {
             let hit = scene.intersect(&path.ray, alive, false);
             let u = dimensions(path.segments);
             if camera.has_lens() {
-                work.ways.cross_lens(&work.light, &path, hit.t, u.pair(PIXEL), alive);
+                work.ways.cross_lens(work.light.vertices(), &path, hit.t, u.pair(PIXEL), alive);
             }
             alive = alive & is_hit(&hit);
             if alive.none() || path.segments >= self.max_depth {
                 return;
             }
-            let mut vertex = path.arrive(&hit, &u, alive);
-            work.ways.connect_to_lens(&work.light, &vertex, [u.pair(LENS), u.pair(PIXEL)], time);
-            alive = path.scatter(&mut vertex, &u, &self.ending);
-            work.light.push(vertex);
+            work.light.arrive(&mut path, &hit, &u, alive);
+            let Some((vertex, before)) = work.light.split_last() else { return };
+            work.ways.connect_to_lens(before, vertex, [u.pair(LENS), u.pair(PIXEL)], time);
+            alive = path.scatter(vertex, &u, &self.ending);
         }
     }
 
@@ -197,7 +197,7 @@ impl<'a> Bidirectional<'a> {
             let diffuse = found.and_not(vertex.bsdf.is_specular());
             if diffuse.any() {
                 work.ways.ask_light(&path, &vertex, state, &u, diffuse);
-                work.ways.connect_walks(&work.light, &path, &vertex, state, diffuse);
+                work.ways.connect_walks(work.light.vertices(), &path, &vertex, state, diffuse);
             }
             alive = path.scatter(&mut vertex, &u, &self.ending);
             state = work.ways.sheets.state(state, [vertex.event]);
@@ -215,7 +215,7 @@ impl<'a> Bidirectional<'a> {
             sheets: Sheets::new(self.classes.as_ref(), self.scene, pass.region, self.layers),
         };
         let sampler = tiles.sampler(&self.sampler);
-        let mut work = Work { sampler, light: Vec::new(), ways, rays: Rays::default() };
+        let mut work = Work { sampler, light: Walk::default(), ways, rays: Rays::default() };
         while let Some(tile) = tiles.next() {
             for samples in tiles.lanes_of::<F>(&tile) {
                 self.trace(&samples, &mut work);

@@ -29,19 +29,25 @@
 //! | `photon` | merging at the first vertex that neither mirrors nor is glass, of weight 1: progressive photon mapping |
 //! | `light` | connections to the lens, of weight 1: light tracing |
 //!
-//! Pixels go in bands of up to 1024 tiles, each with the walks of its own pixels. Of these only the particles stay until the band is
-//! done, some 100 bytes for each vertex of up to 2¹⁸ walks, whatever the size of the picture: for connections a walk is
-//! traced again beside the eye's, by the same sample values.
+//! Pixels go in bands of up to 1024 tiles, each with the walks of its own pixels. A walk of light is connected to the eye's walk of its
+//! pixel, then forgotten but for its particles, some 100 bytes for each vertex of up to 2¹⁸ walks, whatever the size of the picture:
+//! those are what the next band is merged with, or the first of the next sample, so that no walk is traced twice. A band that has none
+//! before, because rendering began with it, has the walks of that before traced for their particles alone; the very first one merges with
+//! its own. Expectations do not depend on which walks these are. What must be one is η, for weights to add up: it is that of the
+//! first of samples 2ʲ to 2ʲ⁺¹, which are weighed alike, though their radii shrink.
 
 use super::IntegratorError;
 use crate::bsdf::TransportMode;
 use crate::film::Film;
-use crate::render::{Dimensions, Engine, Integrator, Observer, Pass, PathClasses, PathState, Rays, Samples, Tiles};
+use crate::render::{
+    Dimensions, Engine, Integrator, Observer, Pass, PathClasses, PathState, Rays, Samples, Tile, Tiles,
+};
 use crate::sampling::Sampler;
 use crate::scene::{Scene, is_hit};
 use crate::transport::sub_path::{Ending, LENS, MOMENT, PER_BOUNCE, PIXEL, light_dimensions};
 use crate::transport::{
-    Heuristic, Neighbours, Particle, PointGrid, Roulette, Sheets, Source, SubPath, Vertex, Ways, first_radius, shrunk,
+    Heuristic, Neighbours, Particle, PointGrid, Roulette, Sheets, Source, SubPath, Vertex, Walk, Ways, first_radius,
+    shrunk,
 };
 use rebond_bvh::Trace;
 use rebond_lanes::scalar::Index1;
@@ -147,14 +153,23 @@ struct Now {
     scale: f32,
     /// η; 0 if nothing is merged.
     eta: f32,
+    /// Whether particles are kept for the next band.
+    keeps: bool,
+}
+
+/// A band at one sample, and the sample and the band whose walks it is merged with.
+struct Step {
+    tiles: Range<u64>,
+    before: (u32, Range<u64>),
 }
 
 /// What a worker keeps from sample to sample.
 struct Work<'a, F: Real> {
     sampler: Sampler,
     now: Now,
-    /// Vertices of the light's walks, without their origins.
-    light: Vec<Vertex<'a, F>>,
+    /// The light's walks.
+    light: Walk<'a, F>,
+    particles: Vec<Particle>,
     neighbours: Neighbours,
     ways: Ways<'a, F>,
     rays: Rays,
@@ -164,6 +179,8 @@ struct Work<'a, F: Real> {
 #[derive(Default)]
 struct Kept {
     grid: PointGrid<Particle>,
+    /// Those for the next band, by tile.
+    particles: Vec<Vec<Particle>>,
     /// Lists of a tile's particles.
     spare: Vec<Vec<Particle>>,
 }
@@ -235,91 +252,49 @@ impl<'a> Vcm<'a> {
         }
     }
 
-    /// Draws the walks from the light; `each` is told of every ray, with what it hits, and of every vertex.
-    fn light_walk<F: Trace>(
-        &self,
-        samples: &Samples<F>,
-        work: &mut Work<'a, F>,
-        begin: impl FnOnce(&Source<F>, &Dimensions<F>, F, &mut Work<'a, F>),
-        crosses: impl Fn(&SubPath<'a, F>, F, &Dimensions<F>, F::Mask, &mut Work<'a, F>),
-        mut each: impl FnMut(&mut Vertex<'a, F>, &mut SubPath<'a, F>, &Dimensions<F>, &mut Work<'a, F>),
-    ) {
-        let (scene, sampler, now) = (self.scene, work.sampler, work.now);
+    /// The walks from the light: their vertices for the eye's walks beside, t = 1 and t = 0 on the way, unless they are `only` to leave
+    /// particles.
+    fn light_walk<F: Trace>(&self, samples: &Samples<F>, only: bool, work: &mut Work<'a, F>) {
+        work.light.clear();
+        let (scene, camera, sampler, now) = (self.scene, self.scene.camera(), work.sampler, work.now);
+        let to_lens = !only && (self.connects() || self.mode == VcmMode::Light);
         let dimensions = |number| light_dimensions::<F>(&sampler, samples.pixel, samples.index, number);
+        let numbers = |u: &Dimensions<F>| [u.pair(LENS), u.pair(PIXEL)];
         let u = dimensions(0);
-        let time = scene.camera().time(F::splat(now.moment));
+        let time = camera.time(F::splat(now.moment));
         let Some(source) = Source::draw(scene, &u, time, samples.mask) else { return };
-        begin(&source, &u, time, work);
+        if to_lens {
+            work.ways.connect_source(&source, numbers(&u), time, samples.mask);
+        }
         let mut path = SubPath::from_light(scene, Some(self.heuristic), &source, time);
         let mut alive = samples.mask & source.emission.weight.is_lit();
         // Only through the lens do the longest paths have all their segments from here.
-        let longest = if scene.camera().has_lens() { self.max_depth } else { self.max_depth - 1 };
+        let longest = if camera.has_lens() { self.max_depth } else { self.max_depth - 1 };
         while alive.any() && path.segments <= longest {
             self.leave(&mut path);
             work.rays.add(path.segments, alive.count());
             let hit = scene.intersect(&path.ray, alive, false);
             let u = dimensions(path.segments);
-            crosses(&path, hit.t, &u, alive, work);
+            if to_lens && camera.has_lens() {
+                work.ways.cross_lens(&[], &path, hit.t, u.pair(PIXEL), alive);
+            }
             alive = alive & is_hit(&hit);
             if alive.none() || path.segments >= self.max_depth {
                 return;
             }
-            let mut vertex = path.arrive(&hit, &u, alive);
-            each(&mut vertex, &mut path, &u, work);
-            alive = path.scatter(&mut vertex, &u, &self.ending);
+            work.light.arrive(&mut path, &hit, &u, alive);
+            let Some((vertex, _)) = work.light.split_last() else { return };
+            if now.keeps || only {
+                // Without the merging here, which is taken into account where it is done.
+                let kept = vertex.mask.and_not(vertex.bsdf.is_specular());
+                Particle::keep(vertex, path.segments, kept, |_, particle| work.particles.push(particle));
+            }
+            self.may_merge(&mut path, vertex, &now);
+            if to_lens {
+                work.ways.connect_to_lens(&[], vertex, numbers(&u), time);
+            }
+            alive = path.scatter(vertex, &u, &self.ending);
         }
-    }
-
-    /// From the light, for any eye: t = 1 and t = 0 on the way, particles kept.
-    fn emit<F: Trace>(&self, samples: &Samples<F>, particles: &mut Vec<Particle>, work: &mut Work<'a, F>) {
-        let to_lens = self.connects() || self.mode == VcmMode::Light;
-        let numbers = |u: &Dimensions<F>| [u.pair(LENS), u.pair(PIXEL)];
-        let now = work.now;
-        self.light_walk(
-            samples,
-            work,
-            |source, u, time, work| {
-                if to_lens {
-                    work.ways.connect_source(source, numbers(u), time, samples.mask);
-                }
-            },
-            |path, end, u, alive, work| {
-                if to_lens && self.scene.camera().has_lens() {
-                    work.ways.cross_lens(&[], path, end, u.pair(PIXEL), alive);
-                }
-            },
-            |vertex, path, u, work| {
-                if self.merges() {
-                    // Without the merging here, which is taken into account where it is done.
-                    let kept = vertex.mask.and_not(vertex.bsdf.is_specular());
-                    Particle::keep(vertex, path.segments, kept, |_, particle| particles.push(particle));
-                }
-                self.may_merge(path, vertex, &now);
-                if to_lens {
-                    work.ways.connect_to_lens(&[], vertex, numbers(u), path.ray.time);
-                }
-            },
-        );
-    }
-
-    /// The same walks again, their vertices kept.
-    fn walk_beside<F: Trace>(&self, samples: &Samples<F>, work: &mut Work<'a, F>) {
-        let now = work.now;
-        let mut light = std::mem::take(&mut work.light);
-        light.clear();
-        // The last vertex has not been left yet when it is kept, but nobody asks how it was.
-        let rays = std::mem::take(&mut work.rays);
-        self.light_walk(
-            samples,
-            work,
-            |_, _, _, _| (),
-            |_, _, _, _, _| (),
-            |vertex, path, _, _| {
-                self.may_merge(path, vertex, &now);
-                light.push(*vertex);
-            },
-        );
-        (work.light, work.rays) = (light, rays);
     }
 
     /// The walks from the eye, connected and merged at every vertex.
@@ -344,19 +319,28 @@ impl<'a> Vcm<'a> {
                 return;
             }
             let mut vertex = path.arrive(&hit, &u, found);
+            let diffuse = found.and_not(vertex.bsdf.is_specular());
+            if self.merges() {
+                work.neighbours.ask(grid, vertex.surface.p, diffuse);
+            }
             work.ways.hit_light(&path, &vertex, state);
             if path.segments >= self.max_depth {
                 return;
             }
-            let diffuse = found.and_not(vertex.bsdf.is_specular());
             if diffuse.any() {
-                if self.merges() {
-                    self.merge(&path, &vertex, diffuse, grid, work);
-                }
+                let without_merging = vertex.near;
                 self.may_merge(&mut path, &mut vertex, &now);
                 if self.connects() {
                     work.ways.ask_light(&path, &vertex, state, &u, diffuse);
-                    work.ways.connect_walks(&work.light, &path, &vertex, state, diffuse);
+                }
+                if self.merges() {
+                    work.neighbours.find(grid);
+                }
+                if self.connects() {
+                    work.ways.connect_walks(work.light.vertices(), &path, &vertex, state, diffuse);
+                }
+                if self.merges() {
+                    self.merge(&path, &vertex, without_merging, grid, work);
                 }
             }
             if self.mode == VcmMode::Photon {
@@ -369,18 +353,19 @@ impl<'a> Vcm<'a> {
         }
     }
 
-    /// Merging: with every particle within the radius. A of neither walk has the merging here in it yet.
+    /// Merging: with every particle within the radius that was asked for. A of neither walk, `near` that of the eye's, has the
+    /// merging here in it.
     fn merge<F: Trace>(
         &self,
         path: &SubPath<'a, F>,
         z: &Vertex<'a, F>,
-        mask: F::Mask,
+        near: F,
         grid: &PointGrid<Particle>,
         work: &mut Work<'a, F>,
     ) {
         let (h, now, longest) = (self.heuristic, work.now, self.max_depth - path.segments);
         let (ways, per_eta) = (&mut work.ways, F::splat(now.eta.recip()));
-        work.neighbours.each(grid, z.surface.p, longest, mask, |y| {
+        work.neighbours.each(grid, longest, |y| {
             let (value, back) = z.eval_both_ways(y.w, TransportMode::Radiance, y.mask);
             let light = z.throughput * y.reflected(z, value.f) * F::splat(now.scale);
             let lit = y.mask & light.is_lit();
@@ -388,89 +373,108 @@ impl<'a> Vcm<'a> {
                 return;
             }
             let by_eye = h.sum(y.sums[0], value.pdf.0 * y.sums[1]) * per_eta;
-            let by_light = h.sum(z.near, back * z.far) * per_eta;
+            let by_light = h.sum(near, back * z.far) * per_eta;
             let weight = ways.weight([by_eye, by_light]);
             ways.sheets.add(PathClasses::start::<F>(), None, light, weight, lit);
         });
     }
 
-    fn work<F: Trace>(&'a self, tiles: &Tiles<'_>, pass: &Pass, now: Now) -> Work<'a, F> {
-        Work {
-            sampler: tiles.sampler(&self.sampler),
-            now,
-            light: Vec::new(),
-            neighbours: Neighbours::default(),
-            ways: Ways {
-                scene: self.scene,
-                heuristic: self.heuristic,
-                alone: matches!(self.mode, VcmMode::Photon | VcmMode::Light),
-                max_depth: self.max_depth,
-                light_paths: pass.region.pixels() as f32,
-                strategies: false,
-                sheets: Sheets::new(None, self.scene, pass.region, 0),
-            },
-            rays: Rays::default(),
-        }
-    }
-
-    /// One sample of each pixel of these tiles.
-    fn band<F: Trace>(
-        &self,
-        tiles: Range<u64>,
-        now: Now,
-        kept: &mut Kept,
-        (film, pass, observer): (&Mutex<Film>, &Pass, &dyn Observer),
-    ) -> Rays {
-        // From the lights.
-        let Kept { grid, spare } = kept;
-        let (particles, lists) = (Mutex::new(Vec::new()), Mutex::new(spare));
+    /// Has a worker on each thread do these tiles: `trace` is given samples, `done` tiles that have ended. Returns the rays, and
+    /// the particles by tile.
+    fn each_tile<F: Trace>(
+        &'a self,
+        tiles: &Tiles<'_>,
+        (pass, now): (&Pass, Now),
+        spare: &mut Vec<Vec<Particle>>,
+        trace: impl Fn(&Tile, &Samples<F>, &mut Work<'a, F>) + Sync,
+        done: impl Fn(&Tile, &Tiles<'_>, &mut Work<'a, F>) + Sync,
+    ) -> (Rays, Vec<Vec<Particle>>) {
+        let (particles, spare) = (Mutex::new(Vec::new()), Mutex::new(spare));
         let traced = Mutex::new(Rays::default());
-        Tiles::only(film, pass, observer, tiles.clone()).run(|tiles| {
-            let mut work = self.work::<F>(tiles, pass, now);
+        let rays = tiles.run(|tiles| {
+            let mut work = Work {
+                sampler: tiles.sampler(&self.sampler),
+                now,
+                light: Walk::default(),
+                particles: Vec::new(),
+                neighbours: Neighbours::default(),
+                ways: Ways {
+                    scene: self.scene,
+                    heuristic: self.heuristic,
+                    alone: matches!(self.mode, VcmMode::Photon | VcmMode::Light),
+                    max_depth: self.max_depth,
+                    light_paths: pass.region.pixels() as f32,
+                    strategies: false,
+                    sheets: Sheets::new(None, self.scene, pass.region, 0),
+                },
+                rays: Rays::default(),
+            };
             while let Some(tile) = tiles.next() {
-                let mut own = lists.lock().unwrap_or_else(|e| e.into_inner()).pop().unwrap_or_default();
+                work.particles = spare.lock().unwrap_or_else(|e| e.into_inner()).pop().unwrap_or_default();
                 for samples in tiles.lanes_of::<F>(&tile) {
-                    self.emit(&samples, &mut own, &mut work);
-                    work.ways.sheets.end_samples(samples.slot, samples.mask, tile.weight, &mut work.rays);
+                    trace(&tile, &samples, &mut work);
                 }
-                tiles.splat(&tile, work.ways.sheets.splats());
-                work.ways.sheets.clear();
+                done(&tile, tiles, &mut work);
+                let own = std::mem::take(&mut work.particles);
                 particles.lock().unwrap_or_else(|e| e.into_inner()).push((tiles.number(&tile), own));
             }
             traced.lock().unwrap_or_else(|e| e.into_inner()).merge(&work.rays);
         });
-        let mut rays = traced.into_inner().unwrap_or_else(|e| e.into_inner());
-        if observer.should_stop() {
-            return rays;
-        }
+        let mut all = traced.into_inner().unwrap_or_else(|e| e.into_inner());
+        all.merge(&rays);
         let mut particles = particles.into_inner().unwrap_or_else(|e| e.into_inner());
         particles.sort_unstable_by_key(|(number, _)| *number);
-        let parts: Vec<&[Particle]> = particles.iter().map(|(_, own)| &own[..]).collect();
-        grid.fill(&parts, now.radius, pass.threads);
-        self.stored.fetch_add(grid.len() as u64, Ordering::Relaxed);
-        let spare = lists.into_inner().unwrap_or_else(|e| e.into_inner());
-        spare.extend(particles.into_iter().map(|(_, mut own)| {
-            own.clear();
-            own
-        }));
+        (all, particles.into_iter().map(|(_, own)| own).collect())
+    }
 
-        // From the eye.
-        rays.merge(&Tiles::only(film, pass, observer, tiles).run(|tiles| {
-            let mut work = self.work::<F>(tiles, pass, now);
-            while let Some(tile) = tiles.next() {
-                for samples in tiles.lanes_of::<F>(&tile) {
-                    if self.connects() {
-                        self.walk_beside(&samples, &mut work);
-                    }
-                    if self.mode != VcmMode::Light {
-                        self.eye_walk(&samples, grid, &mut work);
-                    }
-                    work.ways.sheets.end_samples(samples.slot, samples.mask, tile.weight, &mut work.rays);
+    /// One sample of each pixel of a band.
+    fn step<F: Trace>(
+        &'a self,
+        step: &Step,
+        now: Now,
+        kept: &mut Kept,
+        to: (&Mutex<Film>, &Pass, &dyn Observer),
+    ) -> Rays {
+        let (film, pass, observer) = to;
+        let mut rays = Rays::default();
+        if self.merges() {
+            if kept.particles.is_empty() {
+                let before = Pass { samples: step.before.0..step.before.0 + 1, ..pass.clone() };
+                let tiles = Tiles::only(film, &before, observer, step.before.1.clone());
+                let walk =
+                    |_: &Tile, samples: &Samples<F>, work: &mut Work<'a, F>| self.light_walk(samples, true, work);
+                let (more, particles) = self.each_tile(&tiles, (&before, now), &mut kept.spare, walk, |_, _, _| ());
+                rays.merge(&more);
+                kept.particles = particles;
+                if observer.should_stop() {
+                    return rays;
                 }
-                tiles.done(&tile, work.ways.sheets.own(), &mut work.rays);
-                work.ways.sheets.clear();
             }
-        }));
+            let parts: Vec<&[Particle]> = kept.particles.iter().map(|own| &own[..]).collect();
+            kept.grid.fill(&parts, now.radius, pass.threads);
+            self.stored.fetch_add(kept.grid.len() as u64, Ordering::Relaxed);
+            kept.particles.iter_mut().for_each(Vec::clear);
+            kept.spare.append(&mut kept.particles);
+        }
+        let (grid, tiles) = (&kept.grid, Tiles::only(film, pass, observer, step.tiles.clone()));
+        let trace = |tile: &Tile, samples: &Samples<F>, work: &mut Work<'a, F>| {
+            if self.mode == VcmMode::Light || self.connects() || now.keeps {
+                self.light_walk(samples, false, work);
+            }
+            if self.mode != VcmMode::Light {
+                self.eye_walk(samples, grid, work);
+            }
+            work.ways.sheets.end_samples(samples.slot, samples.mask, tile.weight, &mut work.rays);
+        };
+        let (more, particles) = self.each_tile(&tiles, (pass, now), &mut kept.spare, trace, |tile, tiles, work| {
+            tiles.splat(tile, work.ways.sheets.splats());
+            tiles.done(tile, work.ways.sheets.own(), &mut work.rays);
+            work.ways.sheets.clear();
+        });
+        rays.merge(&more);
+        // Without particles they are only memory.
+        let to = if now.keeps { &mut kept.particles } else { &mut kept.spare };
+        to.extend(particles);
         rays
     }
 }
@@ -479,26 +483,40 @@ impl Integrator for Vcm<'_> {
     fn add_samples(&self, film: &Mutex<Film>, pass: &Pass, observer: &dyn Observer) -> Rays {
         let (mut rays, mut kept) = (Rays::default(), Kept::default());
         let camera = self.scene.camera();
+        let one = |iteration| Pass { samples: iteration..iteration + 1, shares: None, ..pass.clone() };
+        let all = Tiles::new(film, &one(0), observer).count();
+        // Of one size, so that none has few particles.
+        let size = all.div_ceil(all.div_ceil(BAND).max(1)).max(1);
+        let bands = all.div_ceil(size).max(1);
+        let band = |number: u64| number * size..all.min((number + 1) * size);
+        let of_band = pass.region.pixels() as f32 / bands as f32;
+        let eta_of = |iteration: u32| {
+            let first = iteration.checked_ilog2().map_or(0, |j| 1 << j);
+            let radius = shrunk(self.first_radius, self.alpha, first);
+            if self.merges() { PI * radius * radius * of_band } else { 0.0 }
+        };
         for iteration in pass.samples.clone() {
+            let one = one(iteration);
             // No walk has this number. What is merged must be at the same time.
             let u = light_dimensions::<f32>(&self.sampler, Index1(iteration), Index1(u32::MAX), 0);
             let moment = if camera.has_shutter() { u.value(MOMENT) } else { 0.0 };
-            let radius = shrunk(self.first_radius, self.alpha, iteration);
-            let one = Pass { samples: iteration..iteration + 1, shares: None, ..pass.clone() };
-            let all = Tiles::new(film, &one, observer).count();
-            // Of one size, so that none has few particles.
-            let band = all.div_ceil(all.div_ceil(BAND).max(1)).max(1);
-            for first in (0..all).step_by(band as usize) {
-                let tiles = first..all.min(first + band);
-                let paths = Tiles::new(film, &one, observer).pixels(tiles.clone());
-                self.emitted.fetch_add(paths, Ordering::Relaxed);
-                let area = PI * radius * radius * paths as f32;
-                let eta = if self.merges() { area } else { 0.0 };
-                let now = Now { moment, radius, scale: area.recip(), eta };
-                let to = (film, &one, observer);
+            let (radius, eta) = (shrunk(self.first_radius, self.alpha, iteration), eta_of(iteration));
+            for number in 0..bands {
+                let before = match number.checked_sub(1) {
+                    Some(number) => (iteration, band(number)),
+                    None if iteration > 0 => (iteration - 1, band(bands - 1)),
+                    None => (iteration, band(0)),
+                };
+                let after = number + 1 < bands || (iteration + 1 < pass.samples.end && eta_of(iteration + 1) == eta);
+                let tiles = Tiles::new(film, &one, observer);
+                self.emitted.fetch_add(tiles.pixels(band(number)), Ordering::Relaxed);
+                let area = PI * radius * radius * tiles.pixels(before.1.clone()) as f32;
+                let keeps = self.merges() && after && !camera.has_shutter();
+                let now = Now { moment, radius, scale: area.recip(), eta, keeps };
+                let (step, to) = (Step { tiles: band(number), before }, (film, &one, observer));
                 rays.merge(&match self.engine {
-                    Engine::Wavefront => self.band::<F32x16>(tiles, now, &mut kept, to),
-                    Engine::Scalar => self.band::<f32>(tiles, now, &mut kept, to),
+                    Engine::Wavefront => self.step::<F32x16>(&step, now, &mut kept, to),
+                    Engine::Scalar => self.step::<f32>(&step, now, &mut kept, to),
                 });
                 if observer.should_stop() {
                     return rays;
@@ -507,6 +525,7 @@ impl Integrator for Vcm<'_> {
         }
         rays
     }
+
     fn counts(&self) -> Vec<(&'static str, u64)> {
         let count = |count: &AtomicU64| count.load(Ordering::Relaxed);
         vec![("light_walks", count(&self.emitted)), ("particles_stored", count(&self.stored))]

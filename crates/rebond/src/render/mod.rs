@@ -17,7 +17,7 @@ pub(crate) use in_order::in_order;
 pub use journal::Story;
 pub use path_classes::{PathClasses, PathExpression, PathLayer};
 pub use path_state::{Bounce, Dimensions, PathState, Shade, ShadowRay};
-pub(crate) use tiles::{Sample, Samples, TILE, Tiles};
+pub(crate) use tiles::{Sample, Samples, TILE, Tile, Tiles};
 
 use crate::film::Film;
 use crate::sampling::Sampler;

@@ -22,7 +22,7 @@ pub use point_grid::{Placed, PointGrid};
 pub use point_tree::{NOTHING, Nearest, PointTree};
 pub use roulette::Roulette;
 pub use sheets::{Place, Sheets};
-pub use sub_path::{Heuristic, Source, SubPath, Vertex};
+pub use sub_path::{Heuristic, Source, SubPath, Vertex, Walk};
 pub use ways::Ways;
 
 use rebond_lanes::Real;

@@ -1,8 +1,9 @@
 //! Particles of light where they landed, and those that a vertex of the eye's walk may be merged with.
 
+use super::point_grid::Query;
 use super::{Placed, PointGrid, Vertex};
 use crate::math::{Rgb, Vec3};
-use rebond_lanes::{Mask, Real};
+use rebond_lanes::{Mask, Real, prefetch};
 
 /// A particle of light on a surface: a vertex of a walk, or what is kept of it.
 #[derive(Clone, Copy, Debug, Default)]
@@ -75,9 +76,12 @@ impl<F: Real> Near<F> {
 /// Numbers of a [`Near`].
 const COLUMNS: usize = 9;
 
-/// Finds particles, lane by lane, and hands them out side by side.
+/// Finds particles, lane by lane, and hands them out side by side. In three steps, between which there should be other work to
+/// do: memory is slow.
 #[derive(Debug, Default)]
 pub struct Neighbours {
+    /// Lanes, and what they ask.
+    queries: Vec<(u32, Query)>,
     /// Lane, number and squared distance of those found.
     found: Vec<(u32, u32, f32)>,
     /// Row i has the i-th of each lane.
@@ -85,25 +89,32 @@ pub struct Neighbours {
 }
 
 impl Neighbours {
-    /// Calls `f` with the particles within the radius of vertices at `p`, whose paths have at most `longest` segments.
+    /// Asks for what is within the radius of vertices at `p`.
     #[inline(always)]
-    pub fn each<F: Real>(
-        &mut self,
-        grid: &PointGrid<Particle>,
-        p: Vec3<F>,
-        longest: u32,
-        mask: F::Mask,
-        mut f: impl FnMut(&Near<F>),
-    ) {
-        let (mut places, mut lanes, mut asked) = ([[0.0; 3]; 16], [0_u32; 16], 0);
-        for lane in 0..F::LANES {
-            if mask.bits() >> lane & 1 == 1 {
-                (places[asked], lanes[asked]) = (p.lane(lane), lane as u32);
-                asked += 1;
-            }
-        }
+    pub fn ask<F: Real>(&mut self, grid: &PointGrid<Particle>, p: Vec3<F>, mask: F::Mask) {
+        let (bits, queries) = (mask.bits(), &mut self.queries);
+        queries.clear();
+        queries.extend((0..F::LANES).filter(|lane| bits >> lane & 1 == 1).map(|l| (l as u32, grid.ask(p.lane(l)))));
+    }
+
+    /// Goes on.
+    #[inline(always)]
+    pub fn find(&mut self, grid: &PointGrid<Particle>) {
+        self.queries.iter_mut().for_each(|(_, query)| grid.find(query));
+    }
+
+    /// Calls `f` with the particles that were found whose paths have at most `longest` segments.
+    #[inline(always)]
+    pub fn each<F: Real>(&mut self, grid: &PointGrid<Particle>, longest: u32, mut f: impl FnMut(&Near<F>)) {
         self.found.clear();
-        grid.within(&places[..asked], |number, item, squared| self.found.push((lanes[number], item, squared)));
+        for (lane, query) in &self.queries {
+            grid.within(query, |item, squared| {
+                let particle = grid.item(item);
+                prefetch(&particle.segments);
+                prefetch(&particle.far);
+                self.found.push((*lane, item, squared));
+            });
+        }
         let mut counts = [0; 16];
         for (lane, item, squared) in &self.found {
             let (particle, lane) = (grid.item(*item), *lane as usize % 16);

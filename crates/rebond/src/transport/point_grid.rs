@@ -3,6 +3,8 @@
 //! Points are sorted by cell, cells that follow each other along x beside each other, so that the two of them that a query meets
 //! are one run. Of the table's runs a query reads four; what else the hash brings there is told apart by its place.
 
+use rebond_lanes::prefetch;
+
 /// Something that has a place.
 pub trait Placed: Copy + Default + Send + Sync {
     /// Where.
@@ -26,21 +28,41 @@ pub struct PointGrid<T> {
     squared_radius: f32,
 }
 
+/// What a query looks at: first at cells, then at the items in them. Both are far apart in memory, so each is asked for before it is
+/// needed; what the caller does between the steps hides the wait.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Query {
+    p: [f32; 3],
+    runs: [Run; 4],
+}
+
 /// Items of two cells beside each other.
 #[derive(Clone, Copy, Debug, Default)]
 struct Run {
+    /// The first cell.
+    cell: u32,
+    /// Its items, and those of the second.
     from: u32,
     to: u32,
     /// Where the cells are along y and z.
     row: [i32; 2],
-    /// Whether the second is the first of the table.
-    wraps: bool,
 }
 
 /// The cell of whole coordinates.
 #[inline(always)]
 fn row(y: i32, z: i32) -> u32 {
     (y as u32).wrapping_mul(0x9e37_79b1) ^ (z as u32).wrapping_mul(0x85eb_ca6b).rotate_left(13)
+}
+
+/// Does jobs, each on a thread of its own, the last on this one.
+fn side_by_side<J: Send, R: Send>(jobs: impl Iterator<Item = J>, work: impl Fn(J) -> R + Sync) -> Vec<R> {
+    let mut jobs: Vec<J> = jobs.collect();
+    let Some(last) = jobs.pop() else { return Vec::new() };
+    std::thread::scope(|scope| {
+        let others: Vec<_> = jobs.into_iter().map(|job| scope.spawn(|| work(job))).collect();
+        let result = work(last);
+        others.into_iter().map(|job| job.join().expect("no job panics")).chain([result]).collect()
+    })
 }
 
 impl<T: Placed> PointGrid<T> {
@@ -70,114 +92,101 @@ impl<T: Placed> PointGrid<T> {
             rest = after;
         }
         let share = parts.len().div_ceil(threads).max(1);
-        std::thread::scope(|scope| {
-            for run in of_parts.chunks_mut(share) {
-                scope.spawn(move || {
-                    for (items, cells) in run {
-                        for (item, cell) in items.iter().zip(cells.iter_mut()) {
-                            let [x, y, z] = item.place().map(|c| (c * scale).floor() as i32);
-                            *cell = (x as u32).wrapping_add(row(y, z)) & mask;
-                        }
-                    }
-                });
+        side_by_side(of_parts.chunks_mut(share), |run| {
+            for (items, cells) in run {
+                for (item, cell) in items.iter().zip(cells.iter_mut()) {
+                    let [x, y, z] = item.place().map(|c| (c * scale).floor() as i32);
+                    *cell = (x as u32).wrapping_add(row(y, z)) & mask;
+                }
             }
         });
 
         // Each thread counts, then places, what falls into its share of the table.
         let (cells, threads) = (&self.cells[..], threads.min(64));
         let share = table.div_ceil(threads);
-        let totals: Vec<u32> = std::thread::scope(|scope| {
-            let count = |(number, counts): (usize, &mut [u32])| {
-                let first = (number * share) as u32;
-                for cell in cells {
-                    if let Some(count) = counts.get_mut(cell.wrapping_sub(first) as usize) {
-                        *count += 1;
-                    }
+        let shares = self.starts[..table].chunks_mut(share).enumerate();
+        let totals: Vec<u32> = side_by_side(shares, |(number, counts)| {
+            let first = (number * share) as u32;
+            for cell in cells {
+                if let Some(count) = counts.get_mut(cell.wrapping_sub(first) as usize) {
+                    *count += 1;
                 }
-                counts.iter().sum()
-            };
-            let shares = self.starts[..table].chunks_mut(share).enumerate();
-            let jobs: Vec<_> = shares.map(|counts| scope.spawn(move || count(counts))).collect();
-            jobs.into_iter().map(|job| job.join().expect("counting does not fail")).collect()
+            }
+            counts.iter().sum()
         });
-        std::thread::scope(|scope| {
-            let (mut items, mut places, mut before) = (&mut self.items[..], &mut self.places[..], 0);
-            for (number, (starts, total)) in self.starts[..table].chunks_mut(share).zip(totals).enumerate() {
-                let (own, after) = items.split_at_mut(total as usize);
-                items = after;
-                let (own_places, after) = places.split_at_mut(total as usize);
-                places = after;
-                let (first, base) = ((number * share) as u32, before);
-                before += total;
-                scope.spawn(move || {
-                    // Ends first; filled from the back they become beginnings.
-                    let mut end = base;
-                    for start in starts.iter_mut() {
-                        end += *start;
-                        *start = end;
-                    }
-                    let all = parts.iter().rev().flat_map(|part| part.iter().rev());
-                    for (item, cell) in all.zip(cells.iter().rev()) {
-                        if let Some(start) = starts.get_mut(cell.wrapping_sub(first) as usize) {
-                            *start -= 1;
-                            own[(*start - base) as usize] = *item;
-                            own_places[(*start - base) as usize] = item.place();
-                        }
-                    }
-                });
+        let (mut items, mut places, mut before) = (&mut self.items[..], &mut self.places[..], 0);
+        let shares = self.starts[..table].chunks_mut(share).zip(totals).enumerate().map(|(number, (starts, total))| {
+            let (own, after) = std::mem::take(&mut items).split_at_mut(total as usize);
+            items = after;
+            let (own_places, after) = std::mem::take(&mut places).split_at_mut(total as usize);
+            places = after;
+            let base = before;
+            before += total;
+            ((number * share) as u32, base, starts, own, own_places)
+        });
+        side_by_side(shares, |(first, base, starts, own, own_places)| {
+            // Ends first; filled from the back they become beginnings.
+            let mut end = base;
+            for start in starts.iter_mut() {
+                end += *start;
+                *start = end;
+            }
+            let all = parts.iter().rev().flat_map(|part| part.iter().rev());
+            for (item, cell) in all.zip(cells.iter().rev()) {
+                if let Some(start) = starts.get_mut(cell.wrapping_sub(first) as usize) {
+                    *start -= 1;
+                    own[(*start - base) as usize] = *item;
+                    own_places[(*start - base) as usize] = item.place();
+                }
             }
         });
         self.starts[table] = count as u32;
     }
 
-    /// Calls `f` for each item within the radius of each of these places, place by place, with the place's number, the item's
-    /// (for [`PointGrid::item`]) and the squared distance. What is waited for is memory, so the runs of many places are looked up
-    /// before the first is read; whoever reads items should first know them all, too.
+    /// Begins to look around p: two cells along each axis.
     #[inline(always)]
-    pub fn within(&self, places: &[[f32; 3]], mut f: impl FnMut(usize, u32, f32)) {
-        const MANY: usize = 16;
-        if self.items.is_empty() {
-            return;
-        }
-        for (part, number) in places.chunks(MANY).zip((0..).step_by(MANY)) {
-            let mut runs = [[Run::default(); 4]; MANY];
-            for (p, runs) in part.iter().zip(&mut runs) {
-                *runs = self.runs(*p);
-            }
-            let first = |run: &Run| self.places.get(run.from as usize).map_or(0, |p| p[0].to_bits());
-            std::hint::black_box(runs[..part.len()].iter().flatten().fold(0, |all, run| all ^ first(run)));
-            for (number, (p, runs)) in (number..).zip(part.iter().zip(&runs)) {
-                for run in runs {
-                    let mut look = |from: u32, to: u32| {
-                        for (at, q) in (from..).zip(&self.places[from as usize..to as usize]) {
-                            let [dx, dy, dz] = [q[0] - p[0], q[1] - p[1], q[2] - p[2]];
-                            let d2 = dx * dx + dy * dy + dz * dz;
-                            // Two rows may share cells: each counts its own.
-                            if d2 < self.squared_radius && [self.cell(q[1]), self.cell(q[2])] == run.row {
-                                f(number, at, d2);
-                            }
-                        }
-                    };
-                    look(run.from, run.to);
-                    if run.wraps {
-                        look(0, self.starts[1]);
-                    }
-                }
-            }
+    pub fn ask(&self, p: [f32; 3]) -> Query {
+        let [x, y, z] = p.map(|c| (c * self.scale - 0.5).floor() as i32);
+        let runs = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(dy, dz)| {
+            let row_of = [y.wrapping_add(dy), z.wrapping_add(dz)];
+            let cell = (x as u32).wrapping_add(row(row_of[0], row_of[1])) & self.mask;
+            self.starts.get(cell as usize).map(prefetch);
+            Run { cell, from: 0, to: 0, row: row_of }
+        });
+        Query { p, runs }
+    }
+
+    /// Goes on with queries: where the items are.
+    #[inline(always)]
+    pub fn find(&self, query: &mut Query) {
+        for run in query.runs.iter_mut().filter(|_| !self.items.is_empty()) {
+            let last = if run.cell == self.mask { run.cell + 1 } else { run.cell + 2 };
+            (run.from, run.to) = (self.starts[run.cell as usize], self.starts[last as usize]);
+            self.places.get(run.from as usize).map(prefetch);
         }
     }
 
-    /// The runs of cells that a ball around p meets: two cells along each axis.
+    /// Calls `f` for each item within the radius of the query's place, with its number (for [`PointGrid::item`]) and the squared
+    /// distance. Items are far apart, too: whoever reads them should first know them all.
     #[inline(always)]
-    fn runs(&self, p: [f32; 3]) -> [Run; 4] {
-        let [x, y, z] = p.map(|c| (c * self.scale - 0.5).floor() as i32);
-        [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(dy, dz)| {
-            let row_of = [y.wrapping_add(dy), z.wrapping_add(dz)];
-            let first = (x as u32).wrapping_add(row(row_of[0], row_of[1])) & self.mask;
-            let wraps = first == self.mask;
-            let last = if wraps { first + 1 } else { first + 2 };
-            Run { from: self.starts[first as usize], to: self.starts[last as usize], row: row_of, wraps }
-        })
+    pub fn within(&self, query: &Query, mut f: impl FnMut(u32, f32)) {
+        for run in query.runs.iter().filter(|_| !self.items.is_empty()) {
+            let mut look = |from: u32, to: u32| {
+                for (at, q) in (from..).zip(&self.places[from as usize..to as usize]) {
+                    let [dx, dy, dz] = [q[0] - query.p[0], q[1] - query.p[1], q[2] - query.p[2]];
+                    let d2 = dx * dx + dy * dy + dz * dz;
+                    // Two rows may share cells: each counts its own.
+                    if d2 < self.squared_radius && [self.cell(q[1]), self.cell(q[2])] == run.row {
+                        f(at, d2);
+                    }
+                }
+            };
+            look(run.from, run.to);
+            // The cell beside the last is the first.
+            if run.cell == self.mask {
+                look(0, self.starts[1]);
+            }
+        }
     }
 
     /// The cell along one axis.
@@ -232,7 +241,11 @@ mod tests {
             assert_eq!((&grid.items, &grid.starts), (&same.items, &same.starts));
             let asked = points(200, 5);
             let mut all_found = vec![Vec::new(); asked.len()];
-            grid.within(&asked, |number, item, _| all_found[number].push(grid.item(item).map(f32::to_bits)));
+            for (p, found) in asked.iter().zip(&mut all_found) {
+                let mut query = grid.ask(*p);
+                grid.find(&mut query);
+                grid.within(&query, |item, _| found.push(grid.item(item).map(f32::to_bits)));
+            }
             for (q, mut found) in asked.into_iter().zip(all_found) {
                 let d2 = |p: &[f32; 3]| (0..3).map(|i| (p[i] - q[i]) * (p[i] - q[i])).sum::<f32>();
                 let near = all.iter().filter(|p| d2(p) < radius * radius);

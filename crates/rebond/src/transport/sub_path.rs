@@ -116,6 +116,47 @@ impl<F: Real> Vertex<'_, F> {
     }
 }
 
+/// The vertices of a walk but for its origin. They are large, so they are made where they stay, in memory that the next walk uses
+/// again.
+#[derive(Debug)]
+pub struct Walk<'a, F: Real = f32> {
+    vertices: Vec<Vertex<'a, F>>,
+    len: usize,
+}
+
+impl<F: Real> Default for Walk<'_, F> {
+    fn default() -> Self {
+        Self { vertices: Vec::new(), len: 0 }
+    }
+}
+
+impl<'a, F: Real> Walk<'a, F> {
+    /// No vertices, as at first.
+    pub fn clear(&mut self) {
+        self.len = 0;
+    }
+
+    /// One more: [`SubPath::arrive`].
+    #[inline(never)]
+    pub fn arrive(&mut self, path: &mut SubPath<'a, F>, hit: &Hit<F>, u: &Dimensions<F>, mask: F::Mask) {
+        match self.vertices.get_mut(self.len) {
+            Some(place) => *place = path.vertex(hit, u, mask),
+            None => self.vertices.push(path.arrive(hit, u, mask)),
+        }
+        self.len += 1;
+    }
+
+    /// The vertices before the last, and the last.
+    pub fn split_last(&mut self) -> Option<(&mut Vertex<'a, F>, &[Vertex<'a, F>])> {
+        self.vertices[..self.len].split_last_mut().map(|(last, before)| (last, &*before))
+    }
+
+    /// All vertices.
+    pub fn vertices(&self) -> &[Vertex<'a, F>] {
+        &self.vertices[..self.len]
+    }
+}
+
 /// Where walks from the light begin.
 #[derive(Clone, Copy, Debug)]
 pub struct Source<F: Real = f32> {
@@ -266,6 +307,11 @@ impl<'a, F: Real> SubPath<'a, F> {
     /// The vertices that the rays of `mask` hit. Mixed materials draw one of their parts.
     #[inline(never)]
     pub fn arrive(&mut self, hit: &Hit<F>, u: &Dimensions<F>, mask: F::Mask) -> Vertex<'a, F> {
+        self.vertex(hit, u, mask)
+    }
+
+    #[inline(always)]
+    fn vertex(&mut self, hit: &Hit<F>, u: &Dimensions<F>, mask: F::Mask) -> Vertex<'a, F> {
         let surface = self.scene.surface(&self.ray, hit, mask);
         let bsdf = self.scene.bsdf(&surface, || u.value(MIX_CHOICE), mask);
         if self.heuristic.is_some() {

@@ -32,16 +32,19 @@ def lump(u, v):
     """A lumpy closed surface: no symmetry that could hide a mistake. v from the south pole to the north."""
     phi, theta = 2 * math.pi * u, math.pi * v
     r = 1 + 0.15 * math.sin(3 * phi) * math.sin(theta) ** 3 + 0.1 * math.cos(theta)
-    return (r * math.sin(theta) * math.cos(phi), r * math.sin(theta) * math.sin(phi), -r * math.cos(theta))
+    p = (r * math.sin(theta) * math.cos(phi), r * math.sin(theta) * math.sin(phi), -r * math.cos(theta))
+    return tuple(round(x, 6) + 0.0 for x in p)
 
 
 def surface(n, m):
-    """Vertices, texture coordinates and quadrilaterals, counter-clockwise from outside."""
+    """Vertices, texture coordinates and triangles, counter-clockwise from outside; none without area at the poles, whose normals
+    (Mitsuba's are not numbers) would have a share in those of their corners."""
     points = [lump(i / n, j / m) for j in range(m + 1) for i in range(n + 1)]
     uvs = [(i / n, j / m) for j in range(m + 1) for i in range(n + 1)]
     at = lambda i, j: j * (n + 1) + i
     faces = [(at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)) for j in range(m) for i in range(n)]
-    return points, uvs, faces
+    triangles = [t for f in faces for t in ((f[0], f[1], f[2]), (f[0], f[2], f[3]))]
+    return points, uvs, [t for t in triangles if len({points[i] for i in t}) == 3]
 
 
 def unit(v):
@@ -55,21 +58,18 @@ def normals(points):
 
 
 def obj(path, with_normals):
-    points, uvs, faces = surface(24, 12)
+    points, uvs, triangles = surface(24, 12)
     lines = ["# a lump"] + ["v %.6f %.6f %.6f" % p for p in points] + ["vt %.6f %.6f" % t for t in uvs]
     if with_normals:
         lines += ["vn %.6f %.6f %.6f" % n for n in normals(points)]
     corner = (lambda i: f"{i + 1}/{i + 1}/{i + 1}") if with_normals else (lambda i: f"{i + 1}/{i + 1}")
-    # No faces without area at the poles.
-    triangles = [t for f in faces for t in ((f[0], f[1], f[2]), (f[0], f[2], f[3])) if len({points[i] for i in t}) == 3]
     lines += ["f " + " ".join(map(corner, t)) for t in triangles]
     path.write_text("\n".join(lines) + "\n")
 
 
 def ply(path, with_normals, attributes=False):
     """Attributes are a colour and a number of vertices, and a colour of faces."""
-    points, uvs, faces = surface(24, 12)
-    triangles = [t for f in faces for t in ((f[0], f[1], f[2]), (f[0], f[2], f[3]))]
+    points, uvs, triangles = surface(24, 12)
     columns = ["x", "y", "z"] + (["nx", "ny", "nz"] if with_normals else []) + ["u", "v"] + (["r", "g", "b", "rough_x"] if attributes else [])
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
     header += [f"property float {c}" for c in columns]
@@ -89,8 +89,7 @@ def ply(path, with_normals, attributes=False):
 
 def serialized(path):
     """Two meshes: the lump without normals in double precision, and a pyramid in single precision."""
-    points, uvs, faces = surface(24, 12)
-    triangles = [t for f in faces for t in ((f[0], f[1], f[2]), (f[0], f[2], f[3]))]
+    points, uvs, triangles = surface(24, 12)
     base = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0), (0, 0, 1.5)]
     sides = [(0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4), (0, 2, 1), (0, 3, 2)]
     out, places = b"", []

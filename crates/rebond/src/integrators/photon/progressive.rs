@@ -78,16 +78,19 @@ impl<'a> Progressive<'a> {
         let eye = PathState::start_at(scene, &work.sampler, [x, y], pixel, index, slot, moment);
         let neighbours = &mut work.neighbours;
         look(scene, &eye, mask, self.max_depth, &mut work.rays, |path, vertex, rays| {
-            // Direct light: on glossy surfaces by directions as well.
             let lands = vertex.mask;
+            neighbours.ask(now.grid, vertex.surface.p, lands);
+
+            // Direct light: on glossy surfaces by directions as well.
             let u = Dimensions::new(eye.stream(), F::Index::splat(path.segments - 1), PER_BOUNCE);
             let (wo, n) = (vertex.surface.wo, vertex.bsdf.normal());
             let glossy = lands & vertex.bsdf.event(wo, n).ne(F::Index::splat(Event::Diffuse as u32));
             let mut light = ask_light(scene, path, vertex, &u, glossy, lands, rays);
+            neighbours.find(now.grid);
 
             // What photons bring.
             let (mut sum, inverse) = (Rgb::black(), 1.0 / (now.radius * now.radius));
-            neighbours.each(now.grid, vertex.surface.p, self.max_depth - path.segments, lands, |near| {
+            neighbours.each(now.grid, self.max_depth - path.segments, |near| {
                 let f = vertex.eval(near.w, TransportMode::Radiance, near.mask).f;
                 sum += near.reflected(vertex, f) * self.kernel.value(near.squared * inverse);
             });
