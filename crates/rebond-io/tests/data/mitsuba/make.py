@@ -116,7 +116,7 @@ def main():
     png(HERE / "quarters.png", rows)
     png(HERE / "holes.png", [[(255,) * 3 if (x - 3.5) ** 2 + (y - 3) ** 2 > 5 else (0,) * 3 for x in range(8)] for y in range(8)])
     slope = lambda x, y: (0.3 * math.sin(2 * math.pi * x / 16), 0.2 * math.cos(2 * math.pi * y / 16))
-    # Where both programs' facets shade each other alike: their masking differs above.
+    # Both programs' rough metal is alike up to 0.2, and no longer above.
     small = [[(0.04, 0.2, 0.1), (0.16, 0.06, 0.12)], [(0.1, 0.12, 0.2), (0.2, 0.05, 0.02)]]
     pfm(HERE / "small.pfm", [[small[y // 2][x // 2] for x in range(4)] for y in range(4)])
     png(HERE / "dim.png", [[tuple(round(600 * x) for x in small[y // 2][x // 2]) for x in range(4)] for y in range(4)])
