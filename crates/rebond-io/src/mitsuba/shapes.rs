@@ -122,7 +122,8 @@ impl Importer {
             "rectangle" => ShapeDescription::Rectangle(self.simple(o, Lie::Same)?),
             "disk" => ShapeDescription::Disk(self.simple(o, Lie::Swapped)?),
             "cube" => {
-                let simple = self.simple(o, Lie::Same)?;
+                // Mitsuba's are mirrored, but its maps of normals take no notice.
+                let simple = self.simple(o, Lie::Flipped)?;
                 match &simple.material {
                     Some(m) if self.wears_images(m) => ShapeDescription::Mesh(cube(simple)),
                     _ => ShapeDescription::Cube(simple),
@@ -351,9 +352,9 @@ impl Importer {
     }
 }
 
-/// A cube whose faces have the texture coordinates of Mitsuba's.
+/// A cube whose faces have the texture coordinates of Mitsuba's, but for v, which grows upwards.
 fn cube(simple: Simple) -> Mesh {
-    // Each face from where (u, v) is (0, 1), by way of (1, 1) and (1, 0), to (0, 0).
+    // Each face from where (u, v) is (0, 0), by way of (1, 0) and (1, 1), to (0, 1).
     const FACES: [[[f32; 3]; 4]; 6] = [
         [[1.0, -1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, -1.0, 1.0], [-1.0, -1.0, -1.0]],
         [[1.0, 1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, 1.0, 1.0], [1.0, 1.0, 1.0]],
@@ -367,7 +368,7 @@ fn cube(simple: Simple) -> Mesh {
         positions: FACES.concat(),
         faces: (0..6).map(|f| face(4 * f)).collect(),
         normals: None,
-        uvs: Some([[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]].repeat(6)),
+        uvs: Some([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]].repeat(6)),
         attributes: Default::default(),
         material: simple.material,
         emission: simple.emission,
