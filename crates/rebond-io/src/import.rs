@@ -324,6 +324,7 @@ pub fn squares(image: String, to_uv: UvMap) -> ImageTexture {
         filter: TextureFilter::Nearest,
         repeat: [1.0; 2],
         to_uv: Some(to_uv),
+        channel: None,
     }
 }
 

@@ -10,7 +10,8 @@ use crate::meshes::write_ply;
 use crate::scene::{SceneFiles, SceneSource};
 use rebond::scene::SceneDescription;
 use rebond::scene::description::{
-    EmitterDescription, ImageTexture, MaterialDescription, MaterialRef, ShapeDescription, Texture,
+    AttributeTexture, EmitterDescription, ImageTexture, MaterialDescription, MaterialRef, NumberTexture,
+    ShapeDescription, Texture,
 };
 use serde::Serialize;
 use serde::ser::{
@@ -282,7 +283,14 @@ fn files_of_reference(material: &mut MaterialRef, f: &mut dyn FnMut(&mut String)
 fn files_of_material(material: &mut MaterialDescription, f: &mut dyn FnMut(&mut String)) {
     use MaterialDescription as M;
     fn image(texture: &mut Texture, f: &mut dyn FnMut(&mut String)) {
-        if let Texture::Image(ImageTexture { image, .. }) = texture {
+        if let Texture::Image(ImageTexture { image, .. })
+        | Texture::Attribute(AttributeTexture { image: Some(ImageTexture { image, .. }), .. }) = texture
+        {
+            f(image);
+        }
+    }
+    fn number(texture: &mut NumberTexture, f: &mut dyn FnMut(&mut String)) {
+        if let NumberTexture::Image(ImageTexture { image, .. }) = texture {
             f(image);
         }
     }
@@ -293,11 +301,18 @@ fn files_of_material(material: &mut MaterialDescription, f: &mut dyn FnMut(&mut 
         | M::BlinnPhong { reflectance: t, .. }
         | M::OrenNayar { reflectance: t, .. }
         | M::AshikhminShirley { diffuse_reflectance: t, .. }
-        | M::Dielectric { tint: t, .. }
-        | M::ThinDielectric { tint: t, .. }
-        | M::Conductor { tint: t, .. }
-        | M::Plastic { diffuse_reflectance: t, .. }
-        | M::Principled { base_color: t, .. } => image(t, f),
+        | M::ThinDielectric { tint: t, .. } => image(t, f),
+        M::Dielectric { tint: t, alpha, .. }
+        | M::Conductor { tint: t, alpha, .. }
+        | M::Plastic { diffuse_reflectance: t, alpha, .. } => {
+            image(t, f);
+            number(alpha, f);
+        }
+        M::Principled { base_color, metallic, roughness, .. } => {
+            image(base_color, f);
+            number(metallic, f);
+            number(roughness, f);
+        }
         M::Measured { file } => f(file),
         M::Mix { a, b, .. } => {
             files_of_reference(a, f);

@@ -295,10 +295,44 @@ fn pictures_lie_as_in_mitsuba() {
     }
 }
 
+/// Asked for a number, Mitsuba's checkerboard gives that of the other squares (3.9.1, `eval` and `eval_1`).
+#[test]
+fn checkerboards_of_numbers_are_the_other_way_round() {
+    let texels = |bsdf: &str| {
+        let board = "<float name=\"color0\" value=\"0.125\"/><float name=\"color1\" value=\"0.75\"/></texture>";
+        let text =
+            scene([4, 4], &format!("<shape type=\"sphere\">{}</shape>", bsdf.replace("/>board", &format!(">{board}"))));
+        let source = strict(&text).unwrap_or_else(|e| panic!("{}", e.snippet()));
+        let SceneFiles::Imported(assets) = source.files() else { panic!("no import") };
+        assets.images["checkerboard.exr"].rgb("").expect("colours")[..2].iter().map(|t| t[0]).collect::<Vec<_>>()
+    };
+    let colour = "<bsdf type=\"diffuse\"><texture type=\"checkerboard\" name=\"reflectance\"/>board</bsdf>";
+    assert_eq!(texels(colour), [0.125, 0.75]);
+    let alpha = "<bsdf type=\"roughconductor\"><string name=\"distribution\" value=\"ggx\"/><texture type=\"checkerboard\" name=\"alpha\"/>board</bsdf>";
+    let opacity =
+        "<bsdf type=\"mask\"><bsdf type=\"diffuse\"/><texture type=\"checkerboard\" name=\"opacity\"/>board</bsdf>";
+    for number in [alpha, opacity] {
+        assert_eq!(texels(number), [0.75, 0.125], "{number}");
+    }
+}
+
 #[test]
 fn a_converted_scene_is_the_same_picture() {
     let folder = tempfile::tempdir().expect("a folder");
-    for name in ["shapes", "glow", "meshes", "nested", "sky", "wraps", "thin-lens", "glass", "projectors", "window"] {
+    for name in [
+        "shapes",
+        "glow",
+        "meshes",
+        "nested",
+        "sky",
+        "wraps",
+        "thin-lens",
+        "glass",
+        "projectors",
+        "window",
+        "rough",
+        "painted",
+    ] {
         let mut source = SceneSource::open(&data().join(format!("{name}.xml")).display().to_string()).expect("a scene");
         (source.description.film.width, source.description.film.height) = (24, 16);
         let out = folder.path().join(format!("{name}.toml"));

@@ -25,6 +25,11 @@ impl Numbers {
         self.values.len() / self.width
     }
 
+    /// How many numbers to a row.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
     /// A row of N numbers.
     pub fn row<const N: usize>(&self, i: usize) -> [f32; N] {
         std::array::from_fn(|c| self.values[i * N + c])

@@ -7,7 +7,9 @@ use ::gltf::json::texture::{MagFilter, WrappingMode};
 use ::gltf::json::validation::Checked;
 use glam::{DMat3, DVec3};
 use rebond::film::Image;
-use rebond::scene::description::{Color, ImageTexture, MaterialDescription, MaterialRef, Texture};
+use rebond::scene::description::{
+    AttributeTexture, Channel, Color, ImageTexture, MaterialDescription, MaterialRef, NumberTexture, Texture,
+};
 use rebond::texture::{Encoding, SAME_UV, TextureFilter, UvMap, Wrap};
 
 /// Roughness below which a pane of glass is taken for smooth.
@@ -31,16 +33,16 @@ struct TextureAt {
 }
 
 impl Importer<'_> {
-    /// The name of a material, and how it shines; the default one if there is no number.
-    pub fn material(&mut self, number: Option<usize>) -> Result<(String, Shine)> {
+    /// The name of a material, and how it shines; the default one if there is no number. It may be `colored` by vertices.
+    pub fn material(&mut self, number: Option<usize>, colored: bool) -> Result<(String, Shine)> {
         // No list is that long.
-        let key = number.unwrap_or(usize::MAX);
+        let key = (number.unwrap_or(usize::MAX), colored);
         if let Some(known) = self.materials.get(&key) {
             return Ok(known.clone());
         }
         let (description, emission, name) = match number {
-            None => (principled(), Shine::Not, "default".to_string()),
-            Some(n) => self.describe(n).map_err(|e| self.within(&format!("materials[{n}]"), e))?,
+            None => (principled(colored), Shine::Not, "default".to_string()),
+            Some(n) => self.describe(n, colored).map_err(|e| self.within(&format!("materials[{n}]"), e))?,
         };
         let name = unused_name(&name, |n| self.scene.materials.contains_key(n));
         self.places.note(format!("materials.{name}"), (0, None));
@@ -52,7 +54,7 @@ impl Importer<'_> {
         Ok((name, emission))
     }
 
-    fn describe(&mut self, number: usize) -> Result<(MaterialDescription, Shine, String)> {
+    fn describe(&mut self, number: usize, colored: bool) -> Result<(MaterialDescription, Shine, String)> {
         let path = format!("materials[{number}]");
         let Some(material) = self.root.materials.get(number).cloned() else {
             return Err(self.error(&path, "there is no such material"));
@@ -66,15 +68,17 @@ impl Importer<'_> {
         let base_texture = self.texture_at(&format!("{pbr}/baseColorTexture"));
         let base_color = match &base_texture {
             None => Texture::Constant(Color([r, g, b])),
+            // Colours of vertices have their own factor.
+            Some(t) if colored => Texture::Image(self.raw_texture(t)?),
             Some(t) => Texture::Image(self.image_texture(t, [r, g, b], None)?),
         };
-        let mut metallic = material.pbr_metallic_roughness.metallic_factor.0;
-        let mut roughness = material.pbr_metallic_roughness.roughness_factor.0;
-        if let Some(t) = self.texture_at(&format!("{pbr}/metallicRoughnessTexture")) {
-            self.unsupported(&path, "an image of metal and roughness: its means are")?;
-            let [_, g, b] = self.mean(&t, true)?;
-            (metallic, roughness) = (metallic * b, roughness * g);
-        }
+        let base_color = if colored { by_vertices(base_color, [r, g, b]) } else { base_color };
+        let metallic = material.pbr_metallic_roughness.metallic_factor.0;
+        let roughness = material.pbr_metallic_roughness.roughness_factor.0;
+        let [metallic, roughness] = match self.texture_at(&format!("{pbr}/metallicRoughnessTexture")) {
+            None => [metallic, roughness].map(NumberTexture::Constant),
+            Some(t) => self.metal_and_roughness(&t, metallic, roughness)?,
+        };
         self.no_textures(
             &extension("clearcoat"),
             &["clearcoatTexture", "clearcoatRoughnessTexture", "clearcoatNormalTexture"],
@@ -113,7 +117,8 @@ impl Importer<'_> {
             self.unsupported(&path, "a volume that absorbs")?;
         }
         let thin = transmission > 0.0 && !thick;
-        let mut description = if thin && transmission == 1.0 && metallic == 0.0 && roughness <= SMOOTH {
+        let smooth = metallic.constant() == Some(0.0) && roughness.constant().is_some_and(|r| r <= SMOOTH);
+        let mut description = if thin && transmission == 1.0 && smooth {
             if base_color != Texture::grey(1.0) {
                 self.warn(&path, "the colour of its thin glass is also that of its reflection");
             }
@@ -140,6 +145,9 @@ impl Importer<'_> {
             self.warn(&path, "it is to be unlit: a lamp stands for it, which lights its neighbours");
             description = MaterialDescription::Diffuse { reflectance: Texture::grey(0.0) };
             (emission, image) = (Color([r, g, b]), base_texture.as_ref().map(|t| self.raw_texture(t)).transpose()?);
+            if colored {
+                self.unsupported(&path, "colours of vertices of what is unlit")?;
+            }
         }
         let shines = emission.0 != [0.0; 3];
         if let Some(t) = self.texture_at(&format!("{own}/normalTexture")) {
@@ -281,10 +289,31 @@ impl Importer<'_> {
         Ok(found.map(|c| c.data.clone()))
     }
 
-    fn mean(&mut self, t: &TextureAt, raw: bool) -> Result<[f32; 3]> {
-        let pixels = self.decoded(t, raw)?.rgb("").unwrap_or_default();
-        let n = pixels.len().max(1) as f64;
-        Ok(std::array::from_fn(|c| (pixels.iter().map(|p| f64::from(p[c])).sum::<f64>() / n) as f32))
+    /// Metal is blue and roughness green, times these factors.
+    fn metal_and_roughness(&mut self, t: &TextureAt, metallic: f32, roughness: f32) -> Result<[NumberTexture; 2]> {
+        let whole = |factor: f32| factor == 0.0 || factor == 1.0;
+        let image = if whole(metallic) && whole(roughness) {
+            ImageTexture { encoding: Encoding::Linear, ..self.raw_texture(t)? }
+        } else {
+            let number = self.source(t)?;
+            let image = self.decoded(t, true)?;
+            let (width, height) = (image.width, image.height);
+            let pixels = image.rgb("").unwrap_or_default();
+            let pixels: Vec<[f32; 3]> =
+                pixels.into_iter().map(|[_, g, b]| [0.0, g * roughness, b * metallic]).collect();
+            if pixels.len() != width as usize * height as usize {
+                return Err(self.error(&format!("images[{number}]"), "it has no colours"));
+            }
+            self.assets.has_room_for(width, height).map_err(|m| self.error(&format!("images[{number}]"), m))?;
+            let image = Image::from_rgb(width, height, &pixels);
+            let image = self.assets.add_image(&format!("image-{number}-metal-roughness"), image);
+            self.placed(t, image)?
+        };
+        let channel = |factor: f32, channel: Channel| match factor {
+            0.0 => NumberTexture::Constant(0.0),
+            _ => NumberTexture::Image(ImageTexture { channel: Some(channel), ..image.clone() }),
+        };
+        Ok([channel(metallic, Channel::B), channel(roughness, Channel::G)])
     }
 
     /// A texture times a colour; or its alpha, changed.
@@ -328,7 +357,7 @@ impl Importer<'_> {
             }
             // Numbers of maps are taken as they are, colours decoded.
             None => {
-                let raw = t.pointer.ends_with("normalTexture");
+                let raw = ["normalTexture", "metallicRoughnessTexture"].iter().any(|name| t.pointer.ends_with(name));
                 let image = self.decoded(t, raw)?.clone();
                 self.assets.add_image(&format!("image-{number}"), image)
             }
@@ -364,7 +393,16 @@ impl Importer<'_> {
         let rotation = self.number(&format!("{transform}/rotation"))?.unwrap_or(0.0);
         let to_uv = uv_map(offset, rotation, scale);
         let to_uv = (to_uv != SAME_UV).then_some(to_uv);
-        Ok(ImageTexture { image, encoding: Encoding::Auto, wrap, wrap_v, filter, repeat: [1.0; 2], to_uv })
+        Ok(ImageTexture {
+            image,
+            encoding: Encoding::Auto,
+            wrap,
+            wrap_v,
+            filter,
+            repeat: [1.0; 2],
+            to_uv,
+            channel: None,
+        })
     }
 }
 
@@ -403,12 +441,18 @@ fn inline(material: MaterialDescription) -> MaterialRef {
     MaterialRef::Inline(Box::new(material))
 }
 
+/// A colour of 1 or an image, times a factor and the colours of vertices.
+fn by_vertices(color: Texture, factor: [f32; 3]) -> Texture {
+    let image = if let Texture::Image(image) = color { Some(image) } else { None };
+    Texture::Attribute(AttributeTexture { attribute: "vertex_color".into(), scale: Color(factor), image })
+}
+
 /// What wears no material.
-fn principled() -> MaterialDescription {
+fn principled(colored: bool) -> MaterialDescription {
     MaterialDescription::Principled {
-        base_color: Texture::grey(1.0),
-        metallic: 1.0,
-        roughness: 1.0,
+        base_color: if colored { by_vertices(Texture::grey(1.0), [1.0; 3]) } else { Texture::grey(1.0) },
+        metallic: 1.0.into(),
+        roughness: 1.0.into(),
         anisotropic: 0.0,
         specular: 0.5,
         clearcoat: 0.0,

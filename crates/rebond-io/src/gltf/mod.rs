@@ -22,6 +22,7 @@ use crate::import::{Assets, ImportOptions, Imported, Places, Report, bounds, cam
 use ::gltf::json::{
     Root,
     camera::Type as CameraType,
+    material::AlphaMode,
     mesh::{Mode, Semantic},
     scene::Node,
     validation::Checked,
@@ -158,11 +159,13 @@ fn not_json(json: &[u8], e: &serde_json::Error, file: &str) -> Error {
 struct Primitive {
     file: String,
     material: Option<usize>,
+    /// Whether its vertices have colours.
+    colored: bool,
     bounds: [DVec3; 2],
 }
 
-/// Accessors of positions, normals, texture coordinates and indices, and how those are meant.
-type Made = (usize, Option<usize>, Option<usize>, Option<usize>, u8);
+/// Accessors of positions, normals, texture coordinates, colours and indices, and how those are meant.
+type Made = (usize, Option<usize>, Option<usize>, Option<usize>, Option<usize>, u8);
 
 /// The camera that is used, and how far it is said to see.
 struct Clips {
@@ -188,8 +191,8 @@ struct Importer<'a> {
     meshes: BTreeMap<usize, Vec<Primitive>>,
     /// Meshes by what they are made of.
     shared: BTreeMap<Made, (String, [DVec3; 2])>,
-    /// Names of materials, and how they shine.
-    materials: BTreeMap<usize, (String, Shine)>,
+    /// Names of materials, by number and whether the colours of vertices colour them, and how they shine.
+    materials: BTreeMap<(usize, bool), (String, Shine)>,
     images: BTreeMap<(usize, bool), rebond::film::Image>,
     /// How many nodes have a mesh.
     uses: BTreeMap<usize, usize>,
@@ -381,7 +384,7 @@ impl Importer<'_> {
         let (mut shapes, mut shines) = (Vec::new(), false);
         for (i, p) in primitives.into_iter().enumerate() {
             let of = format!("meshes[{number}].primitives[{i}]");
-            let (material, shine) = self.material(p.material).map_err(|e| self.within(&of, e))?;
+            let (material, shine) = self.material(p.material, p.colored).map_err(|e| self.within(&of, e))?;
             shines |= shine != Shine::Not;
             let emission = if let Shine::Evenly(color) = shine { Some(color) } else { None };
             shapes.push(MeshFile {
@@ -458,9 +461,11 @@ impl Importer<'_> {
         let material = p.material.map(|m| m.value());
         let (normals, indices) = (attribute(Semantic::Normals), p.indices.map(|a| a.value()));
         let uvs = attribute(Semantic::TexCoords(self.uv_set(material, path)?));
-        let made = (positions, normals, uvs, indices, mode);
+        let colors = self.colors(attribute(Semantic::Colors(0)), material, path)?;
+        let colored = colors.is_some();
+        let made = (positions, normals, uvs, colors, indices, mode);
         if let Some((file, bounds)) = self.shared.get(&made).cloned() {
-            return Ok(Some(Primitive { file, material, bounds }));
+            return Ok(Some(Primitive { file, material, colored, bounds }));
         }
         let Some(mesh) = self.triangles(&made, path)? else {
             self.warn(path, "it has no triangles");
@@ -471,21 +476,18 @@ impl Importer<'_> {
         let bounds = bounds(mesh.positions.iter());
         let file = self.assets.add_mesh(name, mesh);
         self.shared.insert(made, (file.clone(), bounds));
-        Ok(Some(Primitive { file, material, bounds }))
+        Ok(Some(Primitive { file, material, colored, bounds }))
     }
 
     fn check_attributes(&mut self, p: &::gltf::json::mesh::Primitive, path: &str) -> Result<()> {
-        for (semantic, accessor) in &p.attributes {
+        for semantic in p.attributes.keys() {
             match semantic {
                 Checked::Valid(Semantic::Positions | Semantic::Normals) => {}
                 Checked::Valid(Semantic::Tangents) => {
                     self.warn(path, "its tangents are left out: they follow its texture coordinates");
                 }
-                Checked::Valid(Semantic::Colors(0)) => {
-                    if !self.accessor(accessor.value(), path)?.values.iter().all(|x| *x == 1.0) {
-                        self.unsupported(path, "colours of vertices")?;
-                    }
-                }
+                // Of which more below.
+                Checked::Valid(Semantic::Colors(0)) => {}
                 Checked::Valid(Semantic::Joints(_) | Semantic::Weights(_)) => {}
                 // Sets of texture coordinates that no texture uses do no harm.
                 Checked::Valid(Semantic::TexCoords(_)) => {}
@@ -502,15 +504,33 @@ impl Importer<'_> {
         Ok(())
     }
 
+    /// The accessor of colours that are not all white. Their alpha counts where the material's does, which is not supported.
+    fn colors(&mut self, accessor: Option<usize>, material: Option<usize>, path: &str) -> Result<Option<usize>> {
+        let Some(accessor) = accessor else { return Ok(None) };
+        let numbers = self.accessor(accessor, path)?;
+        let width = numbers.width();
+        if width != 3 && width != 4 {
+            return Err(self.error(path, format!("accessor {accessor} has rows of {width} numbers, not of 3 or 4")));
+        }
+        let mode = material.and_then(|m| self.root.materials.get(m)).map(|m| m.alpha_mode);
+        let veiled = matches!(mode, Some(Checked::Valid(AlphaMode::Mask | AlphaMode::Blend)));
+        if veiled && width == 4 && numbers.values.iter().skip(3).step_by(4).any(|a| *a != 1.0) {
+            self.unsupported(path, "the alpha of colours of vertices")?;
+        }
+        let white = numbers.values.chunks_exact(width).all(|row| row[..3] == [1.0; 3]);
+        Ok((!white).then_some(accessor))
+    }
+
     /// The triangles of those accessors, with the vertices that they use; none if there are none.
     fn triangles(&mut self, made: &Made, path: &str) -> Result<Option<MeshData>> {
-        let (positions, normals, uvs, indices, mode) = *made;
+        let (positions, normals, uvs, colors, indices, mode) = *made;
         let positions = self.rows(positions, 3, path)?;
         let normals = normals.map(|a| self.rows(a, 3, path)).transpose()?;
         let uvs = uvs.map(|a| self.rows(a, 2, path)).transpose()?;
+        let colors = colors.map(|a| self.accessor(a, path)).transpose()?;
         let indices = indices.map(|a| self.indices(a, path)).transpose()?;
         let count = positions.len();
-        if [&normals, &uvs].into_iter().flatten().any(|a| a.len() != count) {
+        if [&normals, &uvs, &colors].into_iter().flatten().any(|a| a.len() != count) {
             return Err(self.error(path, "its attributes are not of one length"));
         }
         let every: Vec<u32> = if indices.is_some() { Vec::new() } else { (0..count as u32).collect() };
@@ -526,7 +546,12 @@ impl Importer<'_> {
         let order: Vec<u32> = given.iter().map(|i| numbers[*i as usize]).collect();
         let rows = |a: &Numbers| used.iter().map(|i| a.row(*i)).collect();
         let flipped = |a: &Numbers| used.iter().map(|i| a.row(*i)).map(|[u, v]: [f32; 2]| [u, 1.0 - v]).collect();
+        let color = |a: &Numbers| {
+            let row = |i: usize| std::array::from_fn(|c| a.values[i * a.width() + c]);
+            (String::from("vertex_color"), used.iter().map(|i| row(*i)).collect())
+        };
         let mut mesh = MeshData {
+            attributes: colors.as_deref().map(color).into_iter().collect(),
             positions: rows(&positions),
             normals: normals.as_deref().map(rows),
             uvs: uvs.as_deref().map(flipped),

@@ -190,7 +190,8 @@ impl File {
             })
         };
         let triangles = corners.iter().map(triangle).collect();
-        MeshData { positions, normals: has_normals.then_some(normals), uvs: has_uvs.then_some(uvs), triangles }
+        let (normals, uvs) = (has_normals.then_some(normals), has_uvs.then_some(uvs));
+        MeshData { positions, normals, uvs, triangles, ..MeshData::default() }
     }
 }
 

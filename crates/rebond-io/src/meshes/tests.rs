@@ -7,6 +7,7 @@ fn quad() -> MeshData {
         normals: Some(vec![[0.0, 0.0, 1.0]; 4]),
         uvs: Some(vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]),
         triangles: vec![[0, 1, 2], [0, 2, 3]],
+        ..MeshData::default()
     }
 }
 
@@ -133,7 +134,52 @@ proptest! {
     fn every_mesh_comes_back(positions in proptest::collection::vec(any::<[f32; 3]>(), 1..20), corners in proptest::collection::vec(any::<[u32; 3]>(), 1..20)) {
         let count = positions.len() as u32;
         let triangles = corners.into_iter().map(|t| t.map(|i| i % count)).collect();
-        let mesh = MeshData { positions, triangles, normals: None, uvs: None };
+        let mesh = MeshData { positions, triangles, ..MeshData::default() };
         prop_assert_eq!(read_ply(&write_ply(&mesh), "").map(|m| write_ply(&m)), Ok(write_ply(&mesh)));
     }
+}
+
+/// Properties have the names that Mitsuba 3.9 gives them, where it takes them; it takes whole numbers as they are.
+#[test]
+fn further_properties_are_attributes() {
+    let names = |of_vertices: &str, of_faces: &str| -> Vec<(String, Vec<[f32; 3]>)> {
+        let mut text = String::from("ply\nformat ascii 1.0\nelement vertex 4\n");
+        let columns = |text: &mut String, list: &str| {
+            let mut values = String::new();
+            for column in list.split_whitespace() {
+                let (name, value) = column.split_once('=').expect("a value");
+                let (kind, name) = name.split_once(':').unwrap_or(("float", name));
+                *text += &format!("property {kind} {name}\n");
+                values += &format!(" {value}");
+            }
+            values
+        };
+        let vertex = columns(&mut text, &format!("x=0 y=1 z=2 {of_vertices}"));
+        text += "element face 1\nproperty list uchar int vertex_indices\n";
+        let face = columns(&mut text, of_faces);
+        text += &format!("end_header\n{}4 0 1 2 3{face}\n", format!("{}\n", vertex.trim()).repeat(4));
+        let mesh = read_ply(text.as_bytes(), "a.ply").unwrap_or_else(|e| panic!("{e}\n{text}"));
+        let again = read_ply(&write_ply(&mesh), "b.ply").expect("a mesh");
+        assert_eq!(again, mesh, "{text}");
+        // A value for each vertex, and for each triangle of the polygon.
+        let count = |name: &str| if name.starts_with("vertex_") { 4 } else { 2 };
+        assert!(mesh.attributes.iter().all(|(name, values)| values == &vec![values[0]; count(name)]), "{mesh:?}");
+        mesh.attributes.into_iter().map(|(name, values)| (name, values[..1].to_vec())).collect()
+    };
+    let is = |of_vertices: &str, of_faces: &str, wanted: &[(&str, [f32; 3])]| {
+        let wanted: Vec<_> = wanted.iter().map(|(name, value)| (name.to_string(), vec![*value])).collect();
+        assert_eq!(names(of_vertices, of_faces), wanted, "{of_vertices}, {of_faces}");
+    };
+    is("", "", &[]);
+    is("r=0.25 g=0.5 b=0.75", "", &[("vertex_color", [0.25, 0.5, 0.75])]);
+    is("uchar:red=255 uchar:green=0 uchar:blue=51 uchar:alpha=255", "", &[("vertex_color", [1.0, 0.0, 0.2])]);
+    is(
+        "red=0 green=1 blue=0",
+        "r=0.25 g=0.5 b=1",
+        &[("face_color", [0.25, 0.5, 1.0]), ("vertex_color", [0.0, 1.0, 0.0])],
+    );
+    is("a_r=0 a_g=1 a_b=0", "b_0=1 b_1=2 b_2=3", &[("face_b", [1.0, 2.0, 3.0]), ("vertex_a_color", [0.0, 1.0, 0.0])]);
+    is("a_x=0 a_y=1 a_z=0", "b_1=1 b_2=2 b_3=3", &[("face_b", [1.0, 2.0, 3.0]), ("vertex_a", [0.0, 1.0, 0.0])]);
+    is("a_b_x=0.5", "c_r=0.25 d_0=1", &[("face_c_color", [0.25; 3]), ("face_d", [1.0; 3]), ("vertex_a_b", [0.5; 3])]);
+    is("nx=0 ny=0 nz=1 u=0 v=1 rough_x=0.5 foo=1 texture_u=0", "id=3", &[("vertex_rough", [0.5; 3])]);
 }

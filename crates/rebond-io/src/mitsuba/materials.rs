@@ -3,7 +3,7 @@
 use super::textures::Lie;
 use super::{Importer, Object, Property, Result, Spot, Use, Value, color, metals};
 use crate::import::free_name;
-use rebond::scene::description::{Color, ImageTexture, MaterialDescription, MaterialRef, Texture};
+use rebond::scene::description::{Color, ImageTexture, MaterialDescription, MaterialRef, NumberTexture, Texture};
 use std::rc::Rc;
 
 /// Roughness that both programs take for smooth, or as good as.
@@ -32,20 +32,21 @@ impl Importer {
         use MaterialDescription as M;
         let description = match o.plugin.as_str() {
             "diffuse" => M::Diffuse { reflectance: self.texture(o, "reflectance", 0.5, lie)? },
-            "conductor" => self.conductor(o, 0.0, None, lie)?,
+            "conductor" => self.conductor(o, 0.0.into(), None, lie)?,
             "roughconductor" => {
                 self.distribution(o)?;
-                let (alpha, both) = self.roughness(o)?;
+                let (alpha, both) = self.roughness(o, lie)?;
                 self.conductor(o, alpha, both, lie)?
             }
             "dielectric" => {
                 let (int_ior, ext_ior) = self.indices(o, "bk7")?;
-                M::Dielectric { int_ior, ext_ior, alpha: 0.0, alpha_u: None, alpha_v: None, tint: self.tint(o, lie)? }
+                let tint = self.tint(o, lie)?;
+                M::Dielectric { int_ior, ext_ior, alpha: 0.0.into(), alpha_u: None, alpha_v: None, tint }
             }
             "roughdielectric" => {
                 self.distribution(o)?;
                 let (int_ior, ext_ior) = self.indices(o, "bk7")?;
-                let (alpha, both) = self.roughness(o)?;
+                let (alpha, both) = self.roughness(o, lie)?;
                 let (alpha_u, alpha_v) = (both.map(|b| b[0]), both.map(|b| b[1]));
                 M::Dielectric { int_ior, ext_ior, alpha, alpha_u, alpha_v, tint: self.tint(o, lie)? }
             }
@@ -63,7 +64,13 @@ impl Importer {
             "mask" => {
                 let opacity = match o.get("opacity") {
                     None => Texture::grey(0.5),
-                    Some(p) => grey(self.texture_of(p, lie, false)?),
+                    Some(p) => match self.texture_of(p, lie, false)? {
+                        Texture::Attribute(_) => {
+                            self.unsupported(&p.at, "an attribute of a mesh for an opacity")?;
+                            Texture::grey(0.5)
+                        }
+                        other => grey(other),
+                    },
                 };
                 M::Mask { opacity, material: self.inner(o, lie)? }
             }
@@ -87,7 +94,7 @@ impl Importer {
                 match o.get("normalmap") {
                     Some(p) => match self.texture_of(p, lie, false)? {
                         Texture::Image(normal_map) => M::NormalMap { normal_map, scale: 1.0, material },
-                        Texture::Constant(_) => return self.wrong(p, "an image"),
+                        _ => return self.wrong(p, "an image"),
                     },
                     None => return Err(self.error(&o.at, "the normalmap is missing")),
                 }
@@ -128,7 +135,7 @@ impl Importer {
             if self.object(p)?.is_some_and(|t| t.tag == "texture") {
                 return match self.texture_of(p.mark(), lie, false)? {
                     Texture::Image(image) => Ok(Some(image)),
-                    Texture::Constant(_) => self.wrong(p, "an image"),
+                    _ => self.wrong(p, "an image"),
                 };
             }
         }
@@ -181,15 +188,21 @@ impl Importer {
     }
 
     /// One α, or one for each direction.
-    fn roughness(&mut self, o: &Object) -> Result<(f32, Option<[f32; 2]>)> {
+    fn roughness(&mut self, o: &Object, lie: Lie) -> Result<(NumberTexture, Option<[f32; 2]>)> {
         if o.has("alpha_u") || o.has("alpha_v") {
             let both = [self.one_number(o, "alpha_u", 0.1)?, self.one_number(o, "alpha_v", 0.1)?];
-            return Ok((both[0].max(SMOOTH), Some(both.map(|a| a.max(SMOOTH)))));
+            return Ok((both[0].max(SMOOTH).into(), Some(both.map(|a| a.max(SMOOTH)))));
         }
-        Ok((self.one_number(o, "alpha", 0.1)?.max(SMOOTH), None))
+        Ok((self.number_texture(o, "alpha", 0.1, SMOOTH, lie)?, None))
     }
 
-    fn conductor(&mut self, o: &Object, alpha: f32, both: Option<[f32; 2]>, lie: Lie) -> Result<MaterialDescription> {
+    fn conductor(
+        &mut self,
+        o: &Object,
+        alpha: NumberTexture,
+        both: Option<[f32; 2]>,
+        lie: Lie,
+    ) -> Result<MaterialDescription> {
         let tint = self.texture(o, "specular_reflectance", 1.0, lie)?;
         let (eta, k) = match (self.text(o, "material")?, o.get("eta"), o.get("k")) {
             (Some((name, at)), None, None) => metals::index(&name).ok_or_else(|| {
@@ -213,7 +226,7 @@ impl Importer {
             }
             (Some((_, at)), ..) => return Err(self.error(&at, "either a material, or eta and k")),
         };
-        if eta == [0.0; 3] && alpha == 0.0 && both.is_none() {
+        if eta == [0.0; 3] && alpha == NumberTexture::Constant(0.0) && both.is_none() {
             return Ok(MaterialDescription::Mirror { reflectance: tint });
         }
         Ok(MaterialDescription::Conductor {
@@ -245,7 +258,7 @@ impl Importer {
         let (int_ior, ext_ior) = self.indices(o, "polypropylene")?;
         let diffuse_reflectance = self.texture(o, "diffuse_reflectance", 0.5, lie)?;
         let nonlinear = self.flag(o, "nonlinear", false)?;
-        let mut alpha = SMOOTH;
+        let mut alpha = NumberTexture::Constant(SMOOTH);
         if o.plugin == "roughplastic" {
             // The coat is GGX in any case, as is said below.
             self.passed_over(o, &["sample_visible"]);
@@ -255,7 +268,7 @@ impl Importer {
                 }
                 _ => {}
             }
-            alpha = self.one_number(o, "alpha", 0.1)?.max(SMOOTH);
+            alpha = self.one_number(o, "alpha", 0.1)?.max(SMOOTH).into();
         }
         if let Some(p) = o.get("specular_reflectance")
             && self.color(p, Use::Reflectance)? != Some([1.0; 3])
@@ -268,8 +281,8 @@ impl Importer {
 
     fn principled(&mut self, o: &Object, lie: Lie) -> Result<MaterialDescription> {
         let base_color = self.texture(o, "base_color", 0.5, lie)?;
-        let metallic = self.one_number(o, "metallic", 0.0)?;
-        let roughness = self.one_number(o, "roughness", 0.5)?;
+        let metallic = self.number_texture(o, "metallic", 0.0, 0.0, lie)?;
+        let roughness = self.number_texture(o, "roughness", 0.5, 0.0, lie)?;
         let anisotropic = self.one_number(o, "anisotropic", 0.0)?;
         let transmission = self.one_number(o, "spec_trans", 0.0)?;
         let clearcoat = self.one_number(o, "clearcoat", 0.0)?;

@@ -4,6 +4,7 @@
 
 use flate2::read::ZlibDecoder;
 use rebond::shape::MeshData;
+use std::collections::BTreeMap;
 use std::io::Read;
 
 const MAGIC: u16 = 0x041c;
@@ -83,8 +84,9 @@ impl<R: Read> Reader<R> {
         let positions = self.rows::<3>(vertices, double)?;
         let normals = if flags & NORMALS != 0 { Some(self.rows::<3>(vertices, double)?) } else { None };
         let uvs = if flags & UVS != 0 { Some(self.rows::<2>(vertices, double)?) } else { None };
+        let mut attributes = BTreeMap::new();
         if flags & COLORS != 0 {
-            self.rows::<3>(vertices, double)?;
+            attributes.insert("vertex_color".into(), self.rows::<3>(vertices, double)?);
         }
         let mut faces = Vec::new();
         for face in 0..triangles {
@@ -99,7 +101,7 @@ impl<R: Read> Reader<R> {
             faces.push(corners);
         }
         let normals = normals.filter(|_| flags & FACE_NORMALS == 0);
-        Ok(MeshData { positions, normals, uvs, triangles: faces })
+        Ok(MeshData { positions, normals, uvs, triangles: faces, attributes })
     }
 }
 
@@ -154,6 +156,7 @@ pub(super) mod tests {
             normals: Some(vec![[0.0, 0.0, 1.0]; 4]),
             uvs: Some(vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]),
             triangles: vec![[0, 1, 2], [0, 2, 3]],
+            ..MeshData::default()
         }
     }
 

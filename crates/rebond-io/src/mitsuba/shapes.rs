@@ -5,8 +5,8 @@ use super::{Importer, Object, Result, Spot, Use, color};
 use crate::import::{SIDES, free_name, steps, tube};
 use glam::{DMat4, DVec3};
 use rebond::scene::description::{
-    Color, ImageTexture, InstanceDescription, MaterialDescription, MaterialRef, Mesh, MeshFile, ShapeDescription,
-    Simple, Sphere, Texture,
+    Color, ImageTexture, InstanceDescription, MaterialDescription, MaterialRef, Mesh, MeshFile, NumberTexture,
+    ShapeDescription, Simple, Sphere, Texture,
 };
 use std::rc::Rc;
 
@@ -328,6 +328,7 @@ impl Importer {
             MaterialRef::Inline(m) => m,
         };
         let image = |t: &Texture| matches!(t, Texture::Image(_));
+        let varies = |t: &NumberTexture| t.constant().is_none();
         match description {
             M::Glow { .. } | M::NormalMap { .. } | M::BumpMap { .. } => true,
             M::Mask { opacity, material } => image(opacity) || self.wears_images(material),
@@ -336,9 +337,12 @@ impl Importer {
             }
             M::Mix { a, b, .. } => self.wears_images(a) || self.wears_images(b),
             M::Diffuse { reflectance } | M::Mirror { reflectance } => image(reflectance),
-            M::Dielectric { tint, .. } | M::Conductor { tint, .. } | M::ThinDielectric { tint, .. } => image(tint),
-            M::Plastic { diffuse_reflectance, .. } => image(diffuse_reflectance),
-            M::Principled { base_color, .. } => image(base_color),
+            M::Dielectric { tint, alpha, .. } | M::Conductor { tint, alpha, .. } => image(tint) || varies(alpha),
+            M::ThinDielectric { tint, .. } => image(tint),
+            M::Plastic { diffuse_reflectance, alpha, .. } => image(diffuse_reflectance) || varies(alpha),
+            M::Principled { base_color, metallic, roughness, .. } => {
+                image(base_color) || varies(metallic) || varies(roughness)
+            }
             M::Phong { .. }
             | M::BlinnPhong { .. }
             | M::OrenNayar { .. }
@@ -365,6 +369,7 @@ fn cube(simple: Simple) -> Mesh {
         faces: (0..6).map(|f| face(4 * f)).collect(),
         normals: None,
         uvs: Some([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]].repeat(6)),
+        attributes: Default::default(),
         material: simple.material,
         emission: simple.emission,
         to_world: simple.to_world,

@@ -4,7 +4,7 @@ use super::{Importer, Object, Property, Result, Spot, Use, Value, color};
 use crate::import::squares;
 use glam::{DMat3, DMat4, DVec3};
 use rebond::film::Image;
-use rebond::scene::description::{ImageTexture, Texture};
+use rebond::scene::description::{AttributeTexture, Color, ImageTexture, NumberTexture, Texture};
 use rebond::texture::{Encoding, TextureFilter, UvMap, Wrap};
 use std::rc::Rc;
 
@@ -56,12 +56,26 @@ impl Importer {
         let Some(o) = self.object(p)? else { return self.wrong(p, "a texture") };
         match o.plugin.as_str() {
             "bitmap" => Ok(Texture::Image(self.bitmap(&o, lie, colours)?)),
-            "checkerboard" => Ok(Texture::Image(self.checkerboard(&o, lie)?)),
+            "checkerboard" => Ok(Texture::Image(self.checkerboard(&o, lie, colours)?)),
+            "mesh_attribute" => Ok(Texture::Attribute(self.mesh_attribute(&o)?)),
             _ => {
                 self.unknown_plugin(&o)?;
                 Ok(Texture::grey(0.5))
             }
         }
+    }
+
+    /// What a mesh knows of its vertices or faces.
+    fn mesh_attribute(&mut self, o: &Object) -> Result<AttributeTexture> {
+        let Some((attribute, at)) = self.text(o, "name")? else {
+            return Err(self.error(&o.at, "the name of the attribute is missing"));
+        };
+        if !attribute.starts_with("vertex_") && !attribute.starts_with("face_") {
+            return Err(self.error(&at, format!("\"{attribute}\" starts with neither vertex_ nor face_")));
+        }
+        let scale = Color([self.number_or(o, "scale", 1.0)?; 3]);
+        self.finish(o)?;
+        Ok(AttributeTexture { attribute, scale, image: None })
     }
 
     fn uv_map(&mut self, o: &Object, lie: Lie) -> Result<UvMap> {
@@ -112,11 +126,20 @@ impl Importer {
             file = self.assets.add_image(&format!("{stem} linear"), image);
         }
         let encoding = if raw { Encoding::Linear } else { Encoding::Auto };
-        Ok(ImageTexture { image: file, encoding, wrap, wrap_v: None, filter, repeat: [1.0; 2], to_uv: Some(to_uv) })
+        Ok(ImageTexture {
+            image: file,
+            encoding,
+            wrap,
+            wrap_v: None,
+            filter,
+            repeat: [1.0; 2],
+            to_uv: Some(to_uv),
+            channel: None,
+        })
     }
 
-    /// Two by two texels, whatever their size is.
-    fn checkerboard(&mut self, o: &Object, lie: Lie) -> Result<ImageTexture> {
+    /// Two by two texels, whatever their size is. Where Mitsuba asks it for a number, not a colour, it gives that of the other squares.
+    fn checkerboard(&mut self, o: &Object, lie: Lie, colours: bool) -> Result<ImageTexture> {
         let mut side = |name: &str, default: f64| match o.get(name) {
             None => Ok([default; 3]),
             Some(p) => match self.color(p, Use::Reflectance)? {
@@ -130,7 +153,7 @@ impl Importer {
         let colors = [side("color0", 0.4)?, side("color1", 0.2)?].map(|c| c.map(|x| x as f32));
         let to_uv = self.uv_map(o, lie)?;
         self.finish(o)?;
-        let [a, b] = colors;
+        let [a, b] = if colours { colors } else { [colors[1], colors[0]] };
         let image = self.assets.add_image("checkerboard", Image::from_rgb(2, 2, &[a, b, b, a]));
         Ok(squares(image, to_uv))
     }
@@ -146,6 +169,27 @@ impl Importer {
     pub fn image(&self, file: &str, at: &Spot) -> Result<Image> {
         let bytes = self.assets.read(file).map_err(|m| self.error(at, m))?;
         crate::read_image(&bytes, file).map_err(|e| self.error(at, format!("\"{file}\": {}", e.message)))
+    }
+
+    /// A number that may vary over the surface, at least `least`.
+    pub fn number_texture(
+        &mut self,
+        o: &Object,
+        name: &str,
+        default: f64,
+        least: f32,
+        lie: Lie,
+    ) -> Result<NumberTexture> {
+        if let Some(p) = o.get(name)
+            && self.color(p, Use::Unbounded)?.is_none()
+        {
+            match self.texture_of(p, lie, false)? {
+                Texture::Image(image) => return Ok(NumberTexture::Image(image)),
+                Texture::Attribute(attribute) => return Ok(NumberTexture::Attribute(attribute)),
+                Texture::Constant(_) => {}
+            }
+        }
+        Ok(NumberTexture::Constant(self.one_number(o, name, default)?.max(least)))
     }
 
     /// The one number that a property is, where rebond has no texture; the mean of what varies.

@@ -5,7 +5,9 @@ use super::{Importer, Result};
 use crate::import::free_name;
 use crate::mitsuba::metals;
 use crate::mitsuba::spectra::{self, Use};
-use rebond::scene::description::{Color, MaterialDescription, MaterialRef, Metal, ShapeDescription, Texture};
+use rebond::scene::description::{
+    Color, MaterialDescription, MaterialRef, Metal, NumberTexture, ShapeDescription, Texture,
+};
 use std::collections::BTreeMap;
 
 pub fn diffuse(reflectance: Texture) -> MaterialDescription {
@@ -87,7 +89,7 @@ impl Importer<'_> {
             "diffuse" => two_sided(diffuse(self.reflectance(p, "reflectance", 0.5)?)),
             "coateddiffuse" => {
                 let diffuse_reflectance = self.reflectance(p, "reflectance", 0.5)?;
-                let alpha = self.roughness(p, 0.0)?[0];
+                let (alpha, _) = self.roughness(p, 0.0)?;
                 let int_ior = self.eta(p, 1.5)?;
                 for name in ["thickness", "albedo", "g", "maxdepth", "nsamples"] {
                     let _ = p.get(name);
@@ -96,13 +98,13 @@ impl Importer<'_> {
                 two_sided(M::Plastic { diffuse_reflectance, int_ior, ext_ior: 1.0, alpha, nonlinear: true })
             }
             "conductor" => {
-                let [alpha_u, alpha_v] = self.roughness(p, 0.0)?;
+                let (alpha, both) = self.roughness(p, 0.0)?;
                 let (mut eta, mut k) = metals::index("Cu").unwrap_or_default();
                 if p.get("reflectance").is_some() {
                     // With k alone: η = 1, R = k² / (4 + k²).
                     let r = match self.reflectance(p, "reflectance", 0.5)? {
                         Texture::Constant(c) => c.0,
-                        Texture::Image(_) => {
+                        _ => {
                             self.unsupported(at, "an image for what a conductor reflects")?;
                             [0.5; 3]
                         }
@@ -120,22 +122,21 @@ impl Importer<'_> {
                     metal: None::<Metal>,
                     eta: Some(Color(eta)),
                     k: Some(Color(k)),
-                    alpha: alpha_u,
-                    alpha_u: (alpha_u != alpha_v).then_some(alpha_u),
-                    alpha_v: (alpha_u != alpha_v).then_some(alpha_v),
+                    alpha,
+                    alpha_u: both.map(|b| b[0]),
+                    alpha_v: both.map(|b| b[1]),
                     tint: Texture::grey(1.0),
                     compensate: false,
                 })
             }
             "dielectric" => {
-                let [alpha_u, alpha_v] = self.roughness(p, 0.0)?;
-                let both = alpha_u != alpha_v;
+                let (alpha, both) = self.roughness(p, 0.0)?;
                 inline(M::Dielectric {
                     int_ior: self.eta(p, 1.5)?,
                     ext_ior: 1.0,
-                    alpha: alpha_u,
-                    alpha_u: both.then_some(alpha_u),
-                    alpha_v: both.then_some(alpha_v),
+                    alpha,
+                    alpha_u: both.map(|b| b[0]),
+                    alpha_v: both.map(|b| b[1]),
                     tint: Texture::grey(1.0),
                 })
             }
@@ -224,12 +225,21 @@ impl Importer<'_> {
         }
     }
 
-    /// α along u and v: the root of roughness, unless it is not to be remapped.
-    fn roughness(&mut self, p: &Parameters, default: f64) -> Result<[f32; 2]> {
+    /// α, and those along u and v if they are not the same: the root of roughness, unless it is not to be remapped.
+    fn roughness(&mut self, p: &Parameters, default: f64) -> Result<(NumberTexture, Option<[f32; 2]>)> {
         let remap = self.flag(p, "remaproughness", true)?;
+        let image = match ["roughness", "uroughness", "vroughness"].map(|name| p.get(name)) {
+            [Some(both), None, None] => self.number_image(both, remap)?,
+            [_, Some(u), Some(v)] if u.kind == v.kind && u.words == v.words => self.number_image(u, remap)?,
+            _ => None,
+        };
+        if let Some(image) = image {
+            return Ok((NumberTexture::Image(image), None));
+        }
         let both = f64::from(self.number_of(p, "roughness", default)?);
         let (u, v) = (self.number_of(p, "uroughness", both)?, self.number_of(p, "vroughness", both)?);
-        Ok([u, v].map(|x| if remap { x.max(0.0).sqrt() } else { x }))
+        let both = [u, v].map(|x| if remap { x.max(0.0).sqrt() } else { x });
+        Ok((both[0].into(), (both[0] != both[1]).then_some(both)))
     }
 
     fn eta(&mut self, p: &Parameters, default: f64) -> Result<f32> {
@@ -311,13 +321,16 @@ impl Importer<'_> {
     fn spread(&self, description: &MaterialDescription) -> bool {
         use MaterialDescription as M;
         let image = |t: &Texture| matches!(t, Texture::Image(_));
+        let varies = |t: &NumberTexture| t.constant().is_none();
         match description {
             M::Mask { opacity, material } => image(opacity) || self.lies(material),
             M::TwoSided { front, .. } => self.lies(front),
             M::Mix { a, b, .. } => self.lies(a) || self.lies(b),
             M::Diffuse { reflectance } => image(reflectance),
-            M::Plastic { diffuse_reflectance, .. } => image(diffuse_reflectance),
-            M::Dielectric { alpha_u, .. } | M::Conductor { alpha_u, .. } => alpha_u.is_some(),
+            M::Plastic { diffuse_reflectance, alpha, .. } => image(diffuse_reflectance) || varies(alpha),
+            M::Dielectric { alpha, alpha_u, .. } | M::Conductor { alpha, alpha_u, .. } => {
+                alpha_u.is_some() || varies(alpha)
+            }
             M::Measured { .. } | M::Glow { .. } => true,
             _ => false,
         }

@@ -499,6 +499,7 @@ impl Importer<'_> {
             filter: TextureFilter::Bilinear,
             repeat: [1.0; 2],
             to_uv: None,
+            channel: None,
         }))
     }
 

@@ -338,7 +338,7 @@ impl Importer<'_> {
             return Ok(patches(&positions, normals.as_deref(), uvs.as_deref(), &order));
         }
         let triangles = order.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect();
-        Ok(MeshData { positions, normals, uvs, triangles })
+        Ok(MeshData { positions, normals, uvs, triangles, ..MeshData::default() })
     }
 }
 
@@ -360,6 +360,7 @@ fn settled(mut mesh: MeshData, lies: bool) -> MeshData {
             normals: mesh.normals.as_ref().map(|n| corners().map(|i| n[i]).collect()),
             uvs: Some(mesh.triangles.iter().flat_map(|_| [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]).collect()),
             triangles: (0..mesh.triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
+            ..MeshData::default()
         };
     }
     for i in 0..mesh.triangles.len() {

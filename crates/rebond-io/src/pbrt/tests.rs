@@ -1,6 +1,6 @@
 use super::*;
 use crate::SceneSource;
-use rebond::scene::description::MaterialDescription;
+use rebond::scene::description::{MaterialDescription, MaterialRef, NumberTexture};
 use rebond::shape::MeshData;
 
 fn folder() -> std::path::PathBuf {
@@ -177,20 +177,60 @@ fn chained_textures_are_worked_out_once() {
 fn textures_of_numbers_are_numbers() {
     let flat = r#"Texture "r" "float" "constant" "float value" 0.5 Texture "s" "float" "scale" "texture tex" "r" "float scale" 0.5"#;
     let image = r#"Texture "s" "float" "imagemap" "string filename" "holes.png""#;
-    let alpha = |texture: &str, lenient: bool| -> Result<f32> {
-        let text = format!(
-            "{CAMERA}WorldBegin {texture} Material \"dielectric\" \"texture roughness\" \"s\" Shape \"sphere\""
-        );
+    let weight = |texture: &str, lenient: bool| -> Result<f32> {
+        let parts = r#"MakeNamedMaterial "a" "string type" "diffuse" MakeNamedMaterial "b" "string type" "diffuse""#;
+        let mix = r#"MakeNamedMaterial "m" "string type" "mix" "string materials" ["a" "b"] "texture amount" "s""#;
+        let text = format!("{CAMERA}WorldBegin {texture} {parts} {mix} NamedMaterial \"m\" Shape \"sphere\"");
         let scene = read_pbrt(&text, "a.pbrt", &folder(), ImportOptions { lenient, ..ImportOptions::default() })?;
-        match scene.description.materials.values().next() {
-            Some(MaterialDescription::Dielectric { alpha, .. }) => Ok(*alpha),
+        let MaterialDescription::TwoSided { front: MaterialRef::Inline(mix), .. } = &scene.description.materials["m"]
+        else {
+            panic!("{:?}", scene.description.materials)
+        };
+        match &**mix {
+            MaterialDescription::Mix { weight, .. } => Ok(*weight),
             other => panic!("{other:?}"),
         }
     };
-    assert_eq!(alpha(flat, false).expect("a scene"), 0.5);
-    assert_eq!(alpha(image, false).expect_err("an image").message, "a texture for \"roughness\": its mean is");
+    assert_eq!(weight(flat, false).expect("a scene"), 0.25);
+    assert_eq!(weight(image, false).expect_err("an image").message, "a texture for \"amount\": its mean is");
     // Of 64 texels 16 are black.
-    assert!((alpha(image, true).expect("a scene") - 0.75_f32.sqrt()).abs() < 1e-5);
+    assert!((weight(image, true).expect("a scene") - 0.75).abs() < 1e-5);
+}
+
+/// Images of roughness are images of its root, unless they are to be taken as they are; another for each direction is not to be had.
+#[test]
+fn roughness_may_be_an_image() {
+    let image = r#"Texture "s" "float" "imagemap" "string filename" "holes.png" "float scale" 0.25 Texture "t" "float" "imagemap" "string filename" "holes.png""#;
+    let alpha = |parameters: &str| -> Result<(NumberTexture, Vec<f32>)> {
+        let text = format!("{CAMERA}WorldBegin {image} Material \"dielectric\" {parameters} Shape \"sphere\"");
+        let scene = read_pbrt(&text, "a.pbrt", &folder(), ImportOptions::default())?;
+        let Some(MaterialDescription::Dielectric { alpha, alpha_u: None, alpha_v: None, .. }) =
+            scene.description.materials.values().next()
+        else {
+            panic!("{:?}", scene.description.materials)
+        };
+        let texels = match alpha {
+            NumberTexture::Image(t) => {
+                scene.files.images[&t.image].rgb("").expect("colours").iter().map(|t| t[0]).collect()
+            }
+            _ => Vec::new(),
+        };
+        Ok((alpha.clone(), texels))
+    };
+    for (parameters, most) in [
+        (r#""texture roughness" "s""#, 0.5_f32),
+        (r#""texture uroughness" "s" "texture vroughness" "s""#, 0.5),
+        (r#""texture roughness" "s" "bool remaproughness" false"#, 0.25),
+    ] {
+        let (_, texels) = alpha(parameters).unwrap_or_else(|e| panic!("{}", e.snippet()));
+        let black = texels.iter().filter(|x| **x == 0.0).count();
+        assert!(black == 16 && texels.iter().all(|x| *x == 0.0 || (x - most).abs() < 1e-6), "{parameters}: {texels:?}");
+    }
+    assert_eq!(alpha(r#""float roughness" 0.25"#).expect("a scene").0, NumberTexture::Constant(0.5));
+    for parameters in [r#""texture uroughness" "s""#, r#""texture uroughness" "s" "texture vroughness" "t""#] {
+        let error = alpha(parameters).expect_err(parameters);
+        assert_eq!(error.message, "a texture for \"uroughness\": its mean is");
+    }
 }
 
 /// Images shine on meshes: round shapes become some, and triangles get coordinates.

@@ -40,17 +40,19 @@ pub struct Picture {
     cut: bool,
     /// Factor and summand of each channel.
     after: [[f32; 3]; 2],
+    /// Of what comes of all that, the root.
+    root: bool,
 }
 
 impl Picture {
     fn of(image: ImageTexture) -> Self {
         let after = [[1.0; 3], [0.0; 3]];
-        Self { image, gamma: None, mean: false, own: [1.0, 0.0], cut: false, after }
+        Self { image, gamma: None, mean: false, own: [1.0, 0.0], cut: false, after, root: false }
     }
 
     /// Whether the file is what it is.
     fn is_plain(&self) -> bool {
-        self.gamma.is_none() && !self.mean && self.own == [1.0, 0.0] && self.after == [[1.0; 3], [0.0; 3]]
+        self.gamma.is_none() && !self.mean && !self.root && self.own == [1.0, 0.0] && self.after == [[1.0; 3], [0.0; 3]]
     }
 
     fn texel(&self, t: [f32; 3]) -> [f32; 3] {
@@ -58,7 +60,8 @@ impl Picture {
         let t = if self.mean { [(t[0] + t[1] + t[2]) / 3.0; 3] } else { t };
         let t = t.map(|x| (x * self.own[0] + self.own[1]).clamp(0.0, if self.cut { 1.0 } else { f32::MAX }));
         // Shares of light, both colours and opacities.
-        std::array::from_fn(|c| (t[c] * self.after[0][c] + self.after[1][c]).clamp(0.0, 1.0))
+        let t = std::array::from_fn(|c| (t[c] * self.after[0][c] + self.after[1][c]).clamp(0.0, 1.0));
+        if self.root { t.map(f32::sqrt) } else { t }
     }
 }
 
@@ -84,6 +87,18 @@ impl Importer<'_> {
             Known::Flat(c) => Ok(Texture::Constant(Color(c))),
             Known::Picture(p) => Ok(Texture::Image(self.made(*p, q.at)?)),
         }
+    }
+
+    /// The image that a parameter is, or the root of it.
+    pub fn number_image(&mut self, q: &Parameter, root: bool) -> Result<Option<ImageTexture>> {
+        if q.kind != "texture" {
+            return Ok(None);
+        }
+        let Known::Picture(picture) = self.known(q, true)? else { return Ok(None) };
+        if root && picture.image.filter == TextureFilter::Bilinear {
+            self.warn(q.at, "between the texels of a roughness its root is interpolated");
+        }
+        Ok(Some(self.made(Picture { root, ..*picture }, q.at)?))
     }
 
     /// A number where rebond has no texture; the mean of what varies.
@@ -222,7 +237,8 @@ impl Importer<'_> {
         let (scale, invert) = (self.number(p, "scale", 1.0)?, self.flag(p, "invert", false)?);
         let to_uv = self.mapping(p, at, 1.0)?;
         let to_uv = (to_uv != rebond::texture::SAME_UV).then_some(to_uv);
-        let image = ImageTexture { image, encoding, wrap, wrap_v: None, filter, repeat: [1.0; 2], to_uv };
+        let image =
+            ImageTexture { image, encoding, wrap, wrap_v: None, filter, repeat: [1.0; 2], to_uv, channel: None };
         let own = if invert { [-scale, 1.0] } else { [scale, 0.0] };
         Ok(Picture { gamma, mean: float, own, cut: !float, ..Picture::of(image) })
     }

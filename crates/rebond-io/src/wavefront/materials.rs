@@ -79,7 +79,7 @@ impl Importer {
                 _ => MaterialDescription::Dielectric {
                     int_ior: said.ni,
                     ext_ior: 1.0,
-                    alpha: 0.0,
+                    alpha: 0.0.into(),
                     alpha_u: None,
                     alpha_v: None,
                     tint,
@@ -187,6 +187,7 @@ impl Importer {
             filter: TextureFilter::Bilinear,
             repeat: [1.0; 2],
             to_uv: None,
+            channel: None,
         };
         let (mut scale, mut offset) = ([1.0; 2], [0.0; 2]);
         let mut words = &line.words[..];

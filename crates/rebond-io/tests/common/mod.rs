@@ -8,7 +8,7 @@ use rebond::math::Moments;
 use rebond::render::{Budget, Engine, PathLayer, Region, render};
 use rebond::sampling::{Sampler, SamplerSettings};
 use rebond::scene::SceneDescription;
-use rebond::scene::description::{Color, MaterialDescription, MaterialRef, Metal, ShapeDescription};
+use rebond::scene::description::{Color, MaterialDescription, MaterialRef, Metal, NumberTexture, ShapeDescription};
 use rebond_io::{BUILT_IN_SCENES, SceneFiles, SceneSource, from_settings};
 use std::collections::BTreeMap;
 
@@ -225,7 +225,7 @@ pub fn coarse_ball(material: &str) -> SceneSource {
     ))
 }
 
-/// The numbers of all that a scene's shapes are made of, by kind; images stand for themselves.
+/// The numbers of all that a scene's shapes are made of, by kind; images and attributes stand for themselves.
 pub fn numbers_of_materials(scene: &SceneDescription) -> BTreeMap<String, Vec<Vec<f64>>> {
     use ShapeDescription as S;
     let mut found: BTreeMap<String, Vec<Vec<f64>>> = BTreeMap::new();
@@ -284,16 +284,19 @@ fn numbers_of(scene: &SceneDescription, material: &MaterialRef, found: &mut BTre
 }
 
 /// A roughness along both tangents.
-fn both_ways(alpha: &mut f32, along: &mut Option<f32>, across: &mut Option<f32>) {
-    (*along, *across) = (Some(along.unwrap_or(*alpha)), Some(across.unwrap_or(*alpha)));
-    *alpha = 0.0;
+fn both_ways(alpha: &mut NumberTexture, along: &mut Option<f32>, across: &mut Option<f32>) {
+    let Some(both) = alpha.constant() else { return };
+    (*along, *across) = (Some(along.unwrap_or(both)), Some(across.unwrap_or(both)));
+    *alpha = 0.0.into();
 }
 
 fn flatten(value: &serde_json::Value, numbers: &mut Vec<f64>) {
     match value {
         serde_json::Value::Number(x) => numbers.extend(x.as_f64()),
         serde_json::Value::Array(list) => list.iter().for_each(|v| flatten(v, numbers)),
-        serde_json::Value::Object(o) if !o.contains_key("image") => o.values().for_each(|v| flatten(v, numbers)),
+        serde_json::Value::Object(o) if !o.contains_key("image") && !o.contains_key("attribute") => {
+            o.values().for_each(|v| flatten(v, numbers))
+        }
         _ => {}
     }
 }

@@ -1,12 +1,14 @@
 //! From a description to a scene: names resolved, transforms multiplied out, tables filled, mistakes found.
 
 use super::description::{
-    CameraDescription, Color, EmitterDescription, FovAxis, ImageTexture, LobeForm, MaterialDescription, MaterialRef,
-    Mesh, MeshFile, Metal, SceneDescription, ShapeDescription, Texture,
+    AttributeTexture, CameraDescription, Channel, Color, EmitterDescription, FovAxis, ImageTexture, LobeForm,
+    MaterialDescription, MaterialRef, Mesh, MeshFile, Metal, NumberTexture, SceneDescription, ShapeDescription,
+    Texture,
 };
 use super::faces::{Extent, Names};
 use super::pilot;
 use super::transform::Motion;
+use super::varied::{ATTRIBUTE, NumberFrom, Place, Row, Tables as VariedTables, Varied};
 use super::{
     BUMP_MAP, BuildError, EMITTER_PER_PRIMITIVE, Features, HAS_NORMALS, HAS_UVS, IS_DISK, IS_SPHERE, MASK,
     MATERIAL_RECORDS, MIX, NORMAL_MAP, Scene, SceneStatistics, TWO_SIDED,
@@ -19,7 +21,7 @@ use crate::emitter::{
     Picture, Slide, Window, area_vector,
 };
 use crate::film::{Filter, FilterSettings, Image, LARGEST_SAMPLE};
-use crate::math::{Frame, Keyframes, Rgb};
+use crate::math::{Frame, Keyframes, LUMINANCE, Rgb};
 use crate::shape::MeshData;
 use crate::texture::{Encoding, SAME_UV, Textures, UvMap};
 use glam::{DAffine3, DVec3, Vec3};
@@ -192,6 +194,14 @@ fn reflectance(path: &str, c: Color) -> Result<[f32; 3]> {
         .help("a surface cannot reflect more light than it receives"))
 }
 
+/// An image, or one channel of it.
+fn of_channel(mut texels: Vec<[f32; 3]>, channel: Option<Channel>) -> Vec<[f32; 3]> {
+    if let Some(channel) = channel {
+        texels.iter_mut().for_each(|t| *t = [t[channel as usize]; 3]);
+    }
+    texels
+}
+
 /// An image whose numbers are no colours.
 fn as_it_is(image: &ImageTexture) -> ImageTexture {
     ImageTexture { encoding: Encoding::Linear, ..image.clone() }
@@ -343,7 +353,14 @@ struct Builder<'a> {
     analytic: Vec<Record>,
     materials: Vec<Record>,
     named: BTreeMap<&'a str, u32>,
+    /// The mesh whose material is being made.
+    worn: Option<Worn<'a>>,
+    /// Whether a material that is being made asked for an attribute of it.
+    asked: bool,
     textures: Textures,
+    /// Images of numbers, and theirs: roughness and metal are often one.
+    number_images: Vec<(ImageTexture, u32)>,
+    varied: Varied,
     /// Images of lamps, their numbers and largest values, and which emitters show them, with the factor on them.
     glow: Textures,
     glow_images: Vec<(&'a ImageTexture, u32, [f32; 3])>,
@@ -365,6 +382,18 @@ struct Builder<'a> {
     primitives_before: u32,
 }
 
+/// What materials may ask of the mesh that wears them; those that do are made for it alone.
+#[derive(Default)]
+struct Worn<'a> {
+    attributes: BTreeMap<String, Vec<[f32; 3]>>,
+    /// Their numbers, of those asked for.
+    numbers: BTreeMap<String, u32>,
+    vertices: usize,
+    triangles: usize,
+    first_vertex: u32,
+    named: BTreeMap<&'a str, u32>,
+}
+
 /// Where a shape goes.
 struct Placement {
     /// What is multiplied into its points now.
@@ -384,7 +413,11 @@ impl<'a> Builder<'a> {
             analytic: Vec::new(),
             materials: Vec::new(),
             named: BTreeMap::new(),
+            worn: None,
+            asked: false,
             textures: Textures::default(),
+            number_images: Vec::new(),
+            varied: Varied::default(),
             glow: Textures::default(),
             glow_images: Vec::new(),
             pictures: Vec::new(),
@@ -411,6 +444,10 @@ impl<'a> Builder<'a> {
                 if let Some(number) = self.named.get(name.as_str()) {
                     return Ok(*number);
                 }
+                if let Some(number) = self.worn.as_ref().and_then(|worn| worn.named.get(name.as_str())) {
+                    self.asked = true;
+                    return Ok(*number);
+                }
                 let found = self.description.materials.get_key_value(name);
                 let (name, m) =
                     found.ok_or_else(|| unknown(path, "material", name, self.description.materials.keys()))?;
@@ -420,8 +457,18 @@ impl<'a> Builder<'a> {
                         format!("the material \"{name}\" contains itself, or is nested too deeply"),
                     ));
                 }
+                let before = std::mem::replace(&mut self.asked, false);
                 let number = self.material(&format!("materials.{name}"), m, depth + 1)?;
-                self.named.insert(name, number);
+                match &mut self.worn {
+                    Some(worn) if self.asked => {
+                        worn.named.insert(name, number);
+                        self.names.materials.push((number, name.clone()));
+                    }
+                    _ => {
+                        self.named.insert(name, number);
+                    }
+                }
+                self.asked |= before;
                 Ok(number)
             }
         }
@@ -437,23 +484,87 @@ impl<'a> Builder<'a> {
     }
 
     fn simple(&mut self, model: Model, path: &str, key: &str, texture: &Texture, p: [f32; PARAMETERS]) -> Result<u32> {
-        let (color, texture) = self.texture(&format!("{path}.{key}"), texture)?;
+        self.varying(model, path, key, texture, p, Row::default())
+    }
+
+    /// A material of which more than its colour may vary.
+    fn varying(
+        &mut self,
+        model: Model,
+        path: &str,
+        key: &str,
+        texture: &Texture,
+        p: [f32; PARAMETERS],
+        row: Row,
+    ) -> Result<u32> {
+        let (color, texture, attribute) = self.texture(&format!("{path}.{key}"), texture)?;
+        let row = Row { color: attribute, ..row };
+        let row = if row.is_any() {
+            self.features.varied = true;
+            self.varied.add(row)
+        } else {
+            0
+        };
         self.features.models |= 1 << model as u32;
         let inside = if matches!(model, Model::Dielectric | Model::RoughDielectric | Model::ThinDielectric) {
             HAS_DIELECTRIC
         } else {
             0
         };
-        Ok(self.push_material([model as u32, texture, 0, inside], color, p))
+        Ok(self.push_material([model as u32, texture, row, inside], color, p))
     }
 
-    /// A factor and the number of an image + 1.
-    fn texture(&mut self, path: &str, texture: &Texture) -> Result<([f32; 3], u32)> {
-        let image = match texture {
-            Texture::Constant(c) => return Ok((reflectance(path, *c)?, 0)),
-            Texture::Image(image) => image,
+    /// A factor, the number of an image + 1, and that of an attribute + 1.
+    fn texture(&mut self, path: &str, texture: &Texture) -> Result<([f32; 3], u32, u32)> {
+        let range = "a reflectance lies within [0, 1]";
+        match texture {
+            Texture::Constant(c) => Ok((reflectance(path, *c)?, 0, 0)),
+            Texture::Image(image) => Ok(([1.0; 3], 1 + self.image_texture(path, image, range)?, 0)),
+            Texture::Attribute(attribute) => {
+                let image = match &attribute.image {
+                    Some(image) => 1 + self.image_texture(path, image, range)?,
+                    None => 0,
+                };
+                Ok((attribute.scale.0, image, 1 + self.attribute(path, attribute, range)?))
+            }
+        }
+    }
+
+    /// The number of an attribute whose values, times its factor, lie within [0, 1].
+    fn attribute(&mut self, path: &str, texture: &AttributeTexture, range: &str) -> Result<u32> {
+        let AttributeTexture { attribute: name, scale, .. } = texture;
+        let path = format!("{path}.attribute");
+        self.asked = true;
+        let Some(worn) = &mut self.worn else {
+            let error = BuildError::new(path, format!("\"{name}\" of no mesh"));
+            return Err(error.help("attributes are those of the mesh that wears the material"));
         };
-        Ok(([1.0; 3], 1 + self.image_texture(path, image, "a reflectance lies within [0, 1]")?))
+        let Some(values) = worn.attributes.get(name) else {
+            let known: Vec<&str> = worn.attributes.keys().map(String::as_str).collect();
+            let error = BuildError::new(path, format!("the shape has no attribute \"{name}\""));
+            return Err(match &known[..] {
+                [] => error.help("only meshes have attributes: by properties of a PLY file, or given in place"),
+                known => error.help(format!("it has: {}", known.join(", "))),
+            });
+        };
+        let of_faces = name.starts_with("face_");
+        let (wanted, of) = if of_faces { (worn.triangles, "triangles") } else { (worn.vertices, "vertices") };
+        if values.len() != wanted {
+            return Err(BuildError::new(path, format!("\"{name}\" has {} values for {wanted} {of}", values.len())));
+        }
+        let inside = |v: &[f32; 3]| (0..3).all(|c| (0.0..=1.0).contains(&(v[c] * scale.0[c])));
+        let outside = values.iter().filter(|v| !inside(v)).count();
+        if outside > 0 {
+            let times = if scale.0 == [1.0; 3] { "" } else { ", times its scale," };
+            let message = format!("{outside} values of \"{name}\"{times} are below 0, above 1 or not finite");
+            return Err(BuildError::new(path, message).help(range));
+        }
+        if let Some(number) = worn.numbers.get(name) {
+            return Ok(*number);
+        }
+        let number = self.varied.add_attribute(values, worn.first_vertex, of_faces);
+        worn.numbers.insert(name.clone(), number);
+        Ok(number)
     }
 
     /// The number of an image whose values lie within [0, 1].
@@ -471,7 +582,49 @@ impl<'a> Builder<'a> {
             return Err(BuildError::new(path, message).help(range));
         }
         let map = uv_map(&path, texture)?;
+        let texels = of_channel(texels, texture.channel);
         Ok(self.textures.add(size, &texels, [*wrap, wrap_v.unwrap_or(*wrap)], *filter, map))
+    }
+
+    /// A number in [0, 1]; or any, and the image that it is read from.
+    fn number_texture(
+        &mut self,
+        path: &str,
+        key: &str,
+        texture: &NumberTexture,
+        what: &str,
+    ) -> Result<(f32, NumberFrom)> {
+        let image = match texture {
+            NumberTexture::Constant(x) => return Ok((unit(path, key, *x, what)?, NumberFrom::default())),
+            NumberTexture::Image(image) => as_it_is(image),
+            NumberTexture::Attribute(attribute) => {
+                let place = format!("{path}.{key}");
+                if attribute.image.is_some() {
+                    let error = BuildError::new(format!("{place}.image"), "an image beside an attribute");
+                    return Err(error.help("only colours may be both: give one of them"));
+                }
+                let number = self.attribute(&place, attribute, &format!("a {what} lies within [0, 1]"))?;
+                let weights = std::array::from_fn(|c| LUMINANCE[c] * attribute.scale.0[c]);
+                return Ok((1.0, NumberFrom { source: ATTRIBUTE | number, weights }));
+            }
+        };
+        let mut weights = LUMINANCE;
+        if let Some(channel) = image.channel {
+            weights = [0.0; 3];
+            weights[channel as usize] = 1.0;
+        }
+        let image = ImageTexture { channel: None, ..image };
+        let known = self.number_images.iter().find(|(known, _)| *known == image).map(|(_, number)| *number);
+        let number = match known {
+            Some(number) => number,
+            None => {
+                let what = format!("a {what} lies within [0, 1]");
+                let number = self.image_texture(&format!("{path}.{key}"), &image, &what)?;
+                self.number_images.push((image, number));
+                number
+            }
+        };
+        Ok((1.0, NumberFrom { source: number + 1, weights }))
     }
 
     fn image(&self, path: &str, file: &str, encoding: Encoding) -> Result<([u32; 2], Vec<[f32; 3]>)> {
@@ -512,6 +665,7 @@ impl<'a> Builder<'a> {
             None => {
                 let place = format!("{path}.image");
                 let (size, texels) = self.image(&place, &texture.image, texture.encoding)?;
+                let texels = of_channel(texels, texture.channel);
                 let mut most = [0.0_f32; 3];
                 for t in &texels {
                     let t = light(&place, Color(*t))?;
@@ -528,7 +682,26 @@ impl<'a> Builder<'a> {
         Ok(number)
     }
 
-    fn roughness(&mut self, path: &str, alpha: f32, u: Option<f32>, v: Option<f32>) -> Result<[f32; 2]> {
+    /// α along both tangents, and the image that it is read from.
+    fn roughness(
+        &mut self,
+        path: &str,
+        alpha: &NumberTexture,
+        u: Option<f32>,
+        v: Option<f32>,
+    ) -> Result<([f32; 2], NumberFrom)> {
+        let alpha = match alpha {
+            NumberTexture::Constant(alpha) => *alpha,
+            _ if u.is_some() || v.is_some() => {
+                let key = if u.is_some() { "alpha_u" } else { "alpha_v" };
+                let error = BuildError::new(format!("{path}.{key}"), "a roughness beside an image of one");
+                return Err(error.help("give an image for `alpha`, or numbers for `alpha_u` and `alpha_v`"));
+            }
+            _ => {
+                let (alpha, from) = self.number_texture(path, "alpha", alpha, "roughness")?;
+                return Ok(([alpha; 2], from));
+            }
+        };
         let both = [("alpha_u", u), ("alpha_v", v)].map(|(key, own)| own.map_or(("alpha", alpha), |own| (key, own)));
         for (key, a) in both {
             number(&format!("{path}.{key}"), a, 0.0..=1.0, "roughness; it lies within [0, 1]")?;
@@ -537,7 +710,7 @@ impl<'a> Builder<'a> {
         if both[0] != both[1] {
             self.features.tangents = true;
         }
-        Ok(both)
+        Ok((both, NumberFrom::default()))
     }
 
     fn material(&mut self, path: &str, material: &'a MaterialDescription, depth: u32) -> Result<u32> {
@@ -551,12 +724,13 @@ impl<'a> Builder<'a> {
             }
             M::Dielectric { int_ior, ext_ior, alpha, alpha_u, alpha_v, tint } => {
                 let eta = relative_index(path, *int_ior, *ext_ior)?;
-                let [u, v] = self.roughness(path, *alpha, *alpha_u, *alpha_v)?;
+                let ([u, v], roughness) = self.roughness(path, alpha, *alpha_u, *alpha_v)?;
                 // With equal indices a rough boundary is no boundary either, and its half vectors are undefined.
                 let smooth = u.max(v) < SMOOTH || eta == 1.0;
                 let model = if smooth { Model::Dielectric } else { Model::RoughDielectric };
                 let p = [eta, 0.0, 0.0, 0.0, 0.0, 0.0, u.max(SMOOTH), v.max(SMOOTH), 0.0];
-                self.simple(model, path, "tint", tint, p)
+                let roughness = if smooth { NumberFrom::default() } else { roughness };
+                self.varying(model, path, "tint", tint, p, Row { roughness, aspect: 1.0, ..Row::default() })
             }
             M::Conductor { metal, eta, k, alpha, alpha_u, alpha_v, tint, compensate } => {
                 let (eta, k) = match (metal, eta, k) {
@@ -567,7 +741,7 @@ impl<'a> Builder<'a> {
                     (None, None, None) => index_of(Metal::Aluminium),
                     _ => return Err(BuildError::new(path, "a conductor needs either `metal`, or both `eta` and `k`")),
                 };
-                let [u, v] = self.roughness(path, *alpha, *alpha_u, *alpha_v)?;
+                let ([u, v], roughness) = self.roughness(path, alpha, *alpha_u, *alpha_v)?;
                 if *compensate && u != v {
                     let error = BuildError::new(format!("{path}.compensate"), "compensation of an anisotropic metal");
                     return Err(error.help("give one `alpha` for both directions, or leave out `compensate`"));
@@ -577,13 +751,8 @@ impl<'a> Builder<'a> {
                     true => Model::CompensatedConductor,
                     false => Model::RoughConductor,
                 };
-                self.simple(
-                    model,
-                    path,
-                    "tint",
-                    tint,
-                    [eta[0], eta[1], eta[2], k[0], k[1], k[2], u.max(SMOOTH), v.max(SMOOTH), 0.0],
-                )
+                let p = [eta[0], eta[1], eta[2], k[0], k[1], k[2], u.max(SMOOTH), v.max(SMOOTH), 0.0];
+                self.varying(model, path, "tint", tint, p, Row { roughness, aspect: 1.0, ..Row::default() })
             }
             M::Phong { reflectance, exponent, form } => {
                 let model = if *form == LobeForm::Lecture { Model::PhongLecture } else { Model::Phong };
@@ -615,9 +784,10 @@ impl<'a> Builder<'a> {
                     let error = BuildError::new(format!("{path}.int_ior"), "a coat of lower index than the outside");
                     return Err(error.help("give an `int_ior` of at least `ext_ior`"));
                 }
-                let alpha = unit(path, "alpha", *alpha, "roughness")?.max(SMOOTH);
-                let p = [eta, f32::from(u8::from(*nonlinear)), 0.0, 0.0, 0.0, 0.0, alpha, 0.0, 0.0];
-                self.simple(Model::Plastic, path, "diffuse_reflectance", diffuse_reflectance, p)
+                let (alpha, roughness) = self.number_texture(path, "alpha", alpha, "roughness")?;
+                let p = [eta, f32::from(u8::from(*nonlinear)), 0.0, 0.0, 0.0, 0.0, alpha.max(SMOOTH), 0.0, 0.0];
+                let row = Row { roughness, aspect: 1.0, ..Row::default() };
+                self.varying(Model::Plastic, path, "diffuse_reflectance", diffuse_reflectance, p, row)
             }
             M::Principled {
                 base_color,
@@ -631,9 +801,10 @@ impl<'a> Builder<'a> {
                 transmission,
                 ior,
             } => {
-                let metallic = unit(path, "metallic", *metallic, "share of metal")?;
+                let (metallic, metal_from) = self.number_texture(path, "metallic", metallic, "share of metal")?;
                 let transmission = unit(path, "transmission", *transmission, "share of glass")?;
-                let alpha = unit(path, "roughness", *roughness, "roughness")?.powi(2);
+                let (roughness, roughness_from) = self.number_texture(path, "roughness", roughness, "roughness")?;
+                let alpha = roughness.powi(2);
                 let anisotropic = unit(path, "anisotropic", *anisotropic, "anisotropy")?;
                 let specular = unit(path, "specular", *specular, "strength of a reflection")?;
                 let clearcoat = unit(path, "clearcoat", *clearcoat, "weight")?;
@@ -646,10 +817,11 @@ impl<'a> Builder<'a> {
                 // Burley 2012: an aspect of at most 10.
                 let aspect = (1.0 - 0.9 * anisotropic).sqrt();
                 let (ax, ay) = ((alpha / aspect).clamp(SMOOTH, 1.0), (alpha * aspect).max(SMOOTH));
-                self.features.tangents |= ax != ay;
+                self.features.tangents |= ax != ay || (aspect != 1.0 && roughness_from.source != 0);
                 let p = [metallic, transmission, eta, f0, clearcoat, coat_alpha.max(SMOOTH), ax, ay, sheen];
-                let number = self.simple(Model::Principled, path, "base_color", base_color, p)?;
-                if transmission > 0.0 && metallic < 1.0 {
+                let row = Row { roughness: roughness_from, is_root: true, aspect, metallic: metal_from, color: 0 };
+                let number = self.varying(Model::Principled, path, "base_color", base_color, p, row)?;
+                if transmission > 0.0 && (metallic < 1.0 || metal_from.source != 0) {
                     self.materials[(number * MATERIAL_RECORDS) as usize].0[3] = f32::from_bits(HAS_DIELECTRIC);
                 }
                 Ok(number)
@@ -687,6 +859,10 @@ impl<'a> Builder<'a> {
                             return Err(error.help("light of all colours meets the same surface"));
                         }
                         (number(&path, r, 0.0..=1.0, "opacity; it lies within [0, 1]")?, 0)
+                    }
+                    Texture::Attribute(_) => {
+                        let error = BuildError::new(path, "an attribute for an opacity");
+                        return Err(error.help("give a number or an image"));
                     }
                     Texture::Image(image) => {
                         (1.0, 1 + self.image_texture(&path, &as_it_is(image), "an opacity lies within [0, 1]")?)
@@ -767,9 +943,12 @@ impl<'a> Builder<'a> {
                     color *= self.textures.eval(Index1(head[1] - 1), [0.5, 0.5]);
                 }
                 let p = [p[0], p[1], p[2], p[3], q[0], q[1], q[2], q[3], last];
+                let tables = VariedTables { textures: &self.textures, primitives: &[], shapes: &[] };
+                let lobe = Lobe { color, p };
+                let lobe = self.varied.apply(&tables, Index1(head[2]), Place::at([0.5, 0.5]), lobe, true);
                 let axis = |x, y, z| crate::math::vec3(x, y, z);
                 let frame = Frame { s: axis(1.0, 0.0, 0.0), t: axis(0.0, 1.0, 0.0), n: axis(0.0, 0.0, 1.0) };
-                let bsdf = Bsdf::new(Index1(model), 1 << model, Lobe { color, p }, frame, frame.n, true);
+                let bsdf = Bsdf::new(Index1(model), 1 << model, lobe, frame, frame.n, true);
                 parts.push((share, bsdf));
             }
         }
@@ -867,6 +1046,22 @@ impl<'a> Builder<'a> {
         };
         let mut emission = emission.map(|e| light(&format!("{path}.emission"), e)).transpose()?;
         let round = matches!(shape, S::Sphere(_) | S::Disk(_));
+        let mut mesh = match shape {
+            S::Mesh(mesh) => Some(mesh_in_place(mesh, path)?),
+            S::Obj(file) => Some(self.mesh_file(file, MeshSource::Obj, path)?),
+            S::Ply(file) => Some(self.mesh_file(file, MeshSource::Ply, path)?),
+            _ => None,
+        };
+        self.worn = Some(match &mut mesh {
+            Some(mesh) => Worn {
+                attributes: std::mem::take(&mut mesh.attributes),
+                vertices: mesh.positions.len(),
+                triangles: mesh.triangles.len(),
+                first_vertex: self.vertices.len() as u32,
+                ..Worn::default()
+            },
+            None => Worn::default(),
+        });
         let mut picture = None;
         let material = match material {
             Some(m) => match self.glow(&format!("{path}.material"), m)? {
@@ -884,6 +1079,7 @@ impl<'a> Builder<'a> {
             },
             None => self.default_material()?,
         };
+        self.worn = None;
         let head = self.head(material);
         if head[0] == MASK {
             if emission.is_some() {
@@ -924,12 +1120,8 @@ impl<'a> Builder<'a> {
         let apart = placement.motion.is_some();
         let target = if apart { &mut own } else { part };
         match shape {
-            S::Mesh(mesh) => self.mesh(target, mesh_in_place(mesh, path)?, &placement, &look, false)?,
-            S::Obj(file) => {
-                self.mesh(target, self.mesh_file(file, MeshSource::Obj, path)?, &placement, &look, false)?
-            }
-            S::Ply(file) => {
-                self.mesh(target, self.mesh_file(file, MeshSource::Ply, path)?, &placement, &look, false)?
+            S::Mesh(_) | S::Obj(_) | S::Ply(_) => {
+                self.mesh(target, mesh.unwrap_or_default(), &placement, &look, false)?;
             }
             S::Cube(s) => self.mesh(target, flipped(MeshData::cube(), s.flip_normals), &placement, &look, false)?,
             S::Rectangle(s) => {
@@ -1345,12 +1537,8 @@ impl<'a> Builder<'a> {
         let keyframes = Keyframes::new(instances.iter().map(|i| &i.keyframes[..]));
         let extents = placed.iter().map(|(geometry, ..)| extents[*geometry as usize]).collect();
         self.names.instances = placed.iter().map(|(_, _, path)| path.clone()).collect();
-        self.names.materials = self
-            .named
-            .iter()
-            .filter(|(name, _)| !name.is_empty())
-            .map(|(name, number)| (*number, (*name).to_owned()))
-            .collect();
+        let named = self.named.iter().filter(|(name, _)| !name.is_empty());
+        self.names.materials.extend(named.map(|(name, number)| (*number, (*name).to_owned())));
         let count = |f: fn(&Geometry) -> usize| geometries.iter().map(|g| f(g) as u64).sum::<u64>();
         let mut statistics = SceneStatistics {
             triangles: count(|g| g.triangles.len()),
@@ -1411,7 +1599,7 @@ impl<'a> Builder<'a> {
         let emitters = emitters.around(center.to_array(), reach * 1.0001);
         let tables = [&primitives, &self.vertices, &self.normals, &self.shapes, &self.analytic, &self.materials];
         let bytes = tables.iter().map(|t| t.len() * size_of::<Record>()).sum::<usize>() + self.textures.bytes();
-        let bytes = bytes + self.measured.bytes();
+        let bytes = bytes + self.measured.bytes() + self.varied.bytes();
         let bytes = bytes + emitters.environments.iter().map(|(_, e)| e.bytes()).sum::<usize>();
         let bytes = bytes + emitters.image_bytes();
         statistics.table_bytes = (bytes + light_sampler.bytes()) as u64;
@@ -1426,6 +1614,7 @@ impl<'a> Builder<'a> {
             instances: keyframes,
             materials: self.materials,
             textures: self.textures,
+            varied: self.varied,
             measured: self.measured,
             features: self.features,
             light_sampler,
@@ -1504,7 +1693,7 @@ fn rows(m: &DAffine3) -> rebond_bvh::Affine {
 
 fn mesh_in_place(mesh: &Mesh, path: &str) -> Result<MeshData> {
     let n = mesh.positions.len();
-    let mut triangles = Vec::new();
+    let (mut triangles, mut faces) = (Vec::new(), Vec::new());
     for (i, face) in mesh.faces.iter().enumerate() {
         let place = format!("{path}.faces[{i}]");
         if let Some(bad) = face.iter().find(|v| **v as usize >= n) {
@@ -1524,6 +1713,7 @@ fn mesh_in_place(mesh: &Mesh, path: &str) -> Result<MeshData> {
                 );
             }
         }
+        faces.resize(triangles.len(), i);
     }
     let fits = |key: &str, length: Option<usize>| match length {
         Some(l) if l != n => Err(BuildError::new(format!("{path}.{key}"), format!("{l} {key} for {n} positions"))),
@@ -1531,7 +1721,28 @@ fn mesh_in_place(mesh: &Mesh, path: &str) -> Result<MeshData> {
     };
     fits("normals", mesh.normals.as_ref().map(Vec::len))?;
     fits("uvs", mesh.uvs.as_ref().map(Vec::len))?;
-    Ok(MeshData { positions: mesh.positions.clone(), normals: mesh.normals.clone(), uvs: mesh.uvs.clone(), triangles })
+    let mut attributes = BTreeMap::new();
+    for (name, values) in &mesh.attributes {
+        let path = format!("{path}.attributes.{name}");
+        let (wanted, of) = match name.split_once('_') {
+            Some(("vertex", _)) => (n, "positions"),
+            Some(("face", _)) => (mesh.faces.len(), "faces"),
+            _ => {
+                let error = BuildError::new(path, format!("\"{name}\" is of neither vertices nor faces"));
+                return Err(error.help("names of attributes start with `vertex_` or `face_`"));
+            }
+        };
+        if values.len() != wanted {
+            return Err(BuildError::new(path, format!("{} values for {wanted} {of}", values.len())));
+        }
+        let values: Vec<[f32; 3]> = match of {
+            "faces" => faces.iter().map(|face: &usize| values[*face].0).collect(),
+            _ => values.iter().map(|c| c.0).collect(),
+        };
+        attributes.insert(name.clone(), values);
+    }
+    let (positions, normals, uvs) = (mesh.positions.clone(), mesh.normals.clone(), mesh.uvs.clone());
+    Ok(MeshData { positions, normals, uvs, triangles, attributes })
 }
 
 /// η and k at the wavelengths of red, green and blue, from measured spectra (Johnson and Christy 1972; aluminium:

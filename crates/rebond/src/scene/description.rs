@@ -198,13 +198,45 @@ pub struct ImageTexture {
     /// Two rows of a matrix that is applied to (u, v, 1) before all that: turns it, moves it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub to_uv: Option<UvMap>,
+    /// One channel alone: a grey image of it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub channel: Option<Channel>,
+}
+
+/// A channel of an image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Channel {
+    /// Red.
+    R,
+    /// Green.
+    G,
+    /// Blue.
+    B,
 }
 
 fn one_by_one() -> [f32; 2] {
     [1.0, 1.0]
 }
 
-/// A colour that may vary over a surface: a [`Color`], or a table of an [`ImageTexture`].
+/// What a mesh knows of its vertices, which is interpolated between them, or of its faces.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct AttributeTexture {
+    /// The mesh's name for it, which starts with `vertex_` or `face_`.
+    pub attribute: String,
+    /// Factor on it.
+    #[serde(skip_serializing_if = "is_white")]
+    pub scale: Color,
+    /// An image that it is multiplied with.
+    #[serde(flatten)]
+    pub image: Option<ImageTexture>,
+}
+
+fn is_white(c: &Color) -> bool {
+    *c == white_light()
+}
+
+/// A colour that may vary over a surface: a [`Color`], or a table of an [`ImageTexture`] or an [`AttributeTexture`].
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum Texture {
@@ -212,6 +244,49 @@ pub enum Texture {
     Constant(Color),
     /// An image.
     Image(ImageTexture),
+    /// What a mesh knows.
+    Attribute(AttributeTexture),
+}
+
+/// The keys of an image and of an attribute.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct TextureTable {
+    image: Option<String>,
+    #[serde(default)]
+    encoding: Encoding,
+    #[serde(default)]
+    wrap: Wrap,
+    wrap_v: Option<Wrap>,
+    #[serde(default)]
+    filter: TextureFilter,
+    #[serde(default = "one_by_one")]
+    repeat: [f32; 2],
+    to_uv: Option<UvMap>,
+    channel: Option<Channel>,
+    attribute: Option<String>,
+    scale: Option<Color>,
+}
+
+/// One or the other, or both.
+enum Varying {
+    Image(ImageTexture),
+    Attribute(AttributeTexture),
+}
+
+impl TextureTable {
+    fn sorted<E: de::Error>(self) -> Result<Varying, E> {
+        let Self { image, encoding, wrap, wrap_v, filter, repeat, to_uv, channel, attribute, scale } = self;
+        let image = image.map(|image| ImageTexture { image, encoding, wrap, wrap_v, filter, repeat, to_uv, channel });
+        match (attribute, image, scale) {
+            (Some(attribute), image, scale) => {
+                Ok(Varying::Attribute(AttributeTexture { attribute, scale: scale.unwrap_or(white_light()), image }))
+            }
+            (None, Some(_), Some(_)) => Err(E::custom("`scale` is for an `attribute`")),
+            (None, Some(image), None) => Ok(Varying::Image(image)),
+            (None, None, _) => Err(E::missing_field("image")),
+        }
+    }
 }
 
 impl Texture {
@@ -219,6 +294,43 @@ impl Texture {
     pub fn grey(x: f32) -> Self {
         Self::Constant(Color([x; 3]))
     }
+}
+
+/// A number in [0, 1] that may vary over a surface: a number, or a table of an [`ImageTexture`], which is taken as it is, by its
+/// luminance or one `channel`, or of an [`AttributeTexture`].
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(untagged)]
+pub enum NumberTexture {
+    /// The same everywhere.
+    Constant(f32),
+    /// An image.
+    Image(ImageTexture),
+    /// What a mesh knows.
+    Attribute(AttributeTexture),
+}
+
+impl NumberTexture {
+    /// The number, if it is the same everywhere.
+    pub fn constant(&self) -> Option<f32> {
+        match self {
+            Self::Constant(x) => Some(*x),
+            Self::Image(_) | Self::Attribute(_) => None,
+        }
+    }
+}
+
+impl From<f32> for NumberTexture {
+    fn from(x: f32) -> Self {
+        Self::Constant(x)
+    }
+}
+
+fn zero() -> NumberTexture {
+    NumberTexture::Constant(0.0)
+}
+
+fn half_texture() -> NumberTexture {
+    NumberTexture::Constant(0.5)
 }
 
 fn half() -> Texture {
@@ -237,8 +349,8 @@ fn eighty_percent() -> Texture {
     Texture::grey(0.8)
 }
 
-fn tenth() -> f32 {
-    0.1
+fn tenth() -> NumberTexture {
+    NumberTexture::Constant(0.1)
 }
 
 fn three_percent() -> f32 {
@@ -309,8 +421,8 @@ pub enum MaterialDescription {
         #[serde(default = "air")]
         ext_ior: f32,
         /// GGX roughness; 0 is smooth.
-        #[serde(default)]
-        alpha: f32,
+        #[serde(default = "zero")]
+        alpha: NumberTexture,
         /// Roughness along the tangent, in place of `alpha`.
         #[serde(default)]
         alpha_u: Option<f32>,
@@ -333,8 +445,8 @@ pub enum MaterialDescription {
         #[serde(default)]
         k: Option<Color>,
         /// GGX roughness; 0 is smooth.
-        #[serde(default)]
-        alpha: f32,
+        #[serde(default = "zero")]
+        alpha: NumberTexture,
         /// Roughness along the tangent, in place of `alpha`.
         #[serde(default)]
         alpha_u: Option<f32>,
@@ -417,7 +529,7 @@ pub enum MaterialDescription {
         ext_ior: f32,
         /// GGX roughness of the coat.
         #[serde(default = "tenth")]
-        alpha: f32,
+        alpha: NumberTexture,
         /// Whether light that the coat throws back to the base is coloured again.
         #[serde(default)]
         nonlinear: bool,
@@ -428,11 +540,11 @@ pub enum MaterialDescription {
         #[serde(default = "eighty_percent")]
         base_color: Texture,
         /// 0 for plastic or glass, 1 for metal.
-        #[serde(default)]
-        metallic: f32,
+        #[serde(default = "zero")]
+        metallic: NumberTexture,
         /// Roughness of the base; α is its square.
-        #[serde(default = "half_number")]
-        roughness: f32,
+        #[serde(default = "half_texture")]
+        roughness: NumberTexture,
         /// How much the base is brushed along its tangent, in [0, 1].
         #[serde(default)]
         anisotropic: f32,
@@ -618,6 +730,9 @@ shape! {
         /// Texture coordinates at each position.
         #[serde(default)]
         uvs: Option<Vec<[f32; 2]>>,
+        /// What else is known of each position or face, by names that start with `vertex_` or `face_`.
+        #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+        attributes: BTreeMap<String, Vec<Color>>,
     }
 }
 shape! {
@@ -847,7 +962,7 @@ impl<'de> Deserialize<'de> for Texture {
         impl<'de> Visitor<'de> for TextureVisitor {
             type Value = Texture;
             fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-                f.write_str("a number, three of them, or a table with an `image`")
+                f.write_str("a number, three of them, or a table with an `image` or an `attribute`")
             }
             fn visit_f64<E: de::Error>(self, x: f64) -> Result<Texture, E> {
                 ColorVisitor.visit_f64(x).map(Texture::Constant)
@@ -862,10 +977,41 @@ impl<'de> Deserialize<'de> for Texture {
                 ColorVisitor.visit_seq(seq).map(Texture::Constant)
             }
             fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Texture, A::Error> {
-                ImageTexture::deserialize(MapAccessDeserializer::new(map)).map(Texture::Image)
+                Ok(match TextureTable::deserialize(MapAccessDeserializer::new(map))?.sorted()? {
+                    Varying::Image(image) => Texture::Image(image),
+                    Varying::Attribute(attribute) => Texture::Attribute(attribute),
+                })
             }
         }
         d.deserialize_any(TextureVisitor)
+    }
+}
+
+impl<'de> Deserialize<'de> for NumberTexture {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        struct NumberVisitor;
+        impl<'de> Visitor<'de> for NumberVisitor {
+            type Value = NumberTexture;
+            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+                f.write_str("a number, or a table with an `image` or an `attribute`")
+            }
+            fn visit_f64<E: de::Error>(self, x: f64) -> Result<NumberTexture, E> {
+                Ok(NumberTexture::Constant(x as f32))
+            }
+            fn visit_i64<E: de::Error>(self, x: i64) -> Result<NumberTexture, E> {
+                Ok(NumberTexture::Constant(x as f32))
+            }
+            fn visit_u64<E: de::Error>(self, x: u64) -> Result<NumberTexture, E> {
+                Ok(NumberTexture::Constant(x as f32))
+            }
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<NumberTexture, A::Error> {
+                Ok(match TextureTable::deserialize(MapAccessDeserializer::new(map))?.sorted()? {
+                    Varying::Image(image) => NumberTexture::Image(image),
+                    Varying::Attribute(attribute) => NumberTexture::Attribute(attribute),
+                })
+            }
+        }
+        d.deserialize_any(NumberVisitor)
     }
 }
 

@@ -1,9 +1,11 @@
 //! A scene as a list of flat faces and their diffuse reflectance: what algorithms see that divide surfaces instead of
 //! tracing paths over them.
 
+use super::varied::Place;
 use super::{BUMP_MAP, HAS_UVS, MASK, MATERIAL_RECORDS, MIX, NORMAL_MAP, Scene, TWO_SIDED};
-use crate::bsdf::Model;
+use crate::bsdf::{Lobe, Model, PARAMETERS};
 use crate::emitter::NO_EMITTER;
+use crate::math::Rgb;
 use glam::{DAffine3, DMat3, DVec3};
 use rebond_lanes::{Real, Record, scalar::Index1};
 
@@ -177,7 +179,13 @@ impl Scene {
                 let share = match model {
                     Model::Diffuse | Model::OrenNayar | Model::Plastic | Model::AshikhminShirley => 1.0,
                     // What is neither metal nor glass.
-                    Model::Principled => (1.0 - record(2)[0]) * (1.0 - record(2)[1]),
+                    Model::Principled => {
+                        let [metallic, transmission, ..] = record(2);
+                        let mut lobe = Lobe { color: Rgb::white(), p: [0.0; PARAMETERS] };
+                        lobe.p[0] = metallic;
+                        let lobe = self.varied.apply(&self.tables(), Index1(head[2]), Place::at(uv), lobe, true);
+                        (1.0 - lobe.p[0]) * (1.0 - transmission)
+                    }
                     _ => return black,
                 };
                 let [r, g, b, _] = record(1);
@@ -197,7 +205,17 @@ impl Scene {
         match head[0] {
             TWO_SIDED | MIX => self.is_textured(head[1]) || self.is_textured(head[2]),
             NORMAL_MAP | BUMP_MAP | MASK => self.is_textured(head[1]),
-            _ => head[1] != 0,
+            _ => head[1] != 0 || head[2] != 0,
+        }
+    }
+
+    /// Whether a material varies by what its mesh knows of vertices and faces.
+    fn has_attribute(&self, material: u32) -> bool {
+        let head = self.head(material);
+        match head[0] {
+            TWO_SIDED | MIX => self.has_attribute(head[1]) || self.has_attribute(head[2]),
+            NORMAL_MAP | BUMP_MAP | MASK => self.has_attribute(head[1]),
+            _ => self.varied.has_attribute(head[2]),
         }
     }
 
@@ -217,7 +235,9 @@ impl Scene {
             if flags & (super::IS_SPHERE | super::IS_DISK) != 0 {
                 push(if flags & super::IS_SPHERE != 0 { "a sphere" } else { "a disk" }, false);
             }
-            if self.head(material)[0] == MASK {
+            if self.has_attribute(material) {
+                push("an attribute of vertices or faces", false);
+            } else if self.head(material)[0] == MASK {
                 push("a surface with holes", false);
             } else if !(self.diffuse_part(material, [0.5; 2], false).whole
                 && self.diffuse_part(material, [0.5; 2], true).whole)

@@ -6,6 +6,7 @@ mod faces;
 mod pilot;
 mod surface;
 mod transform;
+mod varied;
 
 pub use build::{MeshSource, Resources, build, material};
 pub use description::SceneDescription;
@@ -21,6 +22,7 @@ use crate::math::{Frame, Keyframes, Rgb, Vec3};
 use crate::texture::Textures;
 use rebond_bvh::{Accel, Hit, Ray, Trace};
 use rebond_lanes::{Index, Mask, Real, Record, scalar::Index1};
+use varied::Place;
 
 /// What is wrong with a description, and where.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -86,6 +88,7 @@ pub struct Scene {
     /// Materials: `MATERIAL_RECORDS` each.
     materials: Vec<Record>,
     textures: Textures,
+    varied: varied::Varied,
     measured: Tables,
     features: Features,
     emitters: Emitters,
@@ -114,6 +117,8 @@ struct Features {
     masks: bool,
     /// Some material tilts its shading frame.
     maps: bool,
+    /// Some material has a parameter that varies.
+    varied: bool,
 }
 
 /// Flags of a shape.
@@ -124,7 +129,7 @@ const IS_DISK: u32 = 8;
 /// Each of its primitives is an emitter of its own.
 const EMITTER_PER_PRIMITIVE: u32 = 16;
 
-/// Records of a material: [model, texture + 1, –, flags] (words), [colour, last parameter], parameters, parameters. A mix: [MIX, a, b, flags]
+/// Records of a material: [model, texture + 1, row of [`varied`] + 1, flags] (words), [colour, last parameter], parameters, parameters. A mix: [MIX, a, b, flags]
 /// (words), [weight of b, –, –, –]. A two-sided one: [TWO_SIDED, front, back, –] (words). One with holes: [MASK, material,
 /// texture + 1, flags] (words), [opacity, –, –, –]. One whose frame tilts: [NORMAL_MAP or BUMP_MAP, material, texture,
 /// flags] (words), [scale, –, –, –].
@@ -365,7 +370,18 @@ impl Scene {
             let (a, b) = (record(material, 2), record(material, 3));
             [a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3], first[3]]
         };
-        Bsdf::new(head[0], self.features.models, Lobe { color, p }, frame, ng, mask).with_tables(&self.measured)
+        let lobe = Lobe { color, p };
+        let lobe = if self.features.varied {
+            self.varied.apply(&self.tables(), head[2], Place::of(surface), lobe, mask)
+        } else {
+            lobe
+        };
+        Bsdf::new(head[0], self.features.models, lobe, frame, ng, mask).with_tables(&self.measured)
+    }
+
+    /// What parameters that vary are found by.
+    fn tables(&self) -> varied::Tables<'_> {
+        varied::Tables { textures: &self.textures, primitives: &self.primitives, shapes: &self.shapes }
     }
 
     /// Tilts the shading frames of lanes whose material is a map of normals or heights, and goes on to what is under it.

@@ -21,6 +21,10 @@ pub struct Surface<F: Real> {
     pub frame: Frame<F>,
     /// Texture coordinates.
     pub uv: [F; 2],
+    /// Primitive it is of, as [`Hit`] counts.
+    pub primitive: F::Index,
+    /// Of a triangle, the weights of its second and third corner.
+    pub weights: [F; 2],
     /// ∂p/∂u and ∂p/∂v; zero in scenes without maps of normals and heights.
     pub dp: [Vec3<F>; 2],
     /// Unit direction back along the ray.
@@ -130,6 +134,8 @@ pub fn surface<F: Real>(scene: &Scene, ray: &Ray<F>, hit: &Hit<F>, mask: F::Mask
         ng: local.ng,
         frame: shading_frame(local.ns, tangent),
         uv: local.uv,
+        primitive,
+        weights: [hit.u, hit.v],
         dp: local.dp,
         wo: vec3(-ray.d[0], -ray.d[1], -ray.d[2]),
         material,

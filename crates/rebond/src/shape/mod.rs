@@ -1,6 +1,7 @@
 //! Surfaces: indexed triangle meshes. (Spheres, disks and rectangles are exact and live in the scene's tables.)
 
 use glam::Vec3;
+use std::collections::BTreeMap;
 
 /// Triangles over shared vertices. Lists are as long as the positions and indices valid where a reader made it; positions
 /// may still be NaN or infinite, and triangles degenerate.
@@ -14,6 +15,9 @@ pub struct MeshData {
     pub uvs: Option<Vec<[f32; 2]>>,
     /// Three places in `positions` each, counter-clockwise seen from the side of the normal.
     pub triangles: Vec<[u32; 3]>,
+    /// What else it knows of its vertices and triangles, by names that start with `vertex_` and `face_`: a value for each; what
+    /// is one number is there three times.
+    pub attributes: BTreeMap<String, Vec<[f32; 3]>>,
 }
 
 impl MeshData {
@@ -24,6 +28,7 @@ impl MeshData {
             normals: None,
             uvs: Some(vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]),
             triangles: vec![[0, 1, 2], [0, 2, 3]],
+            ..Self::default()
         }
     }
 

@@ -317,6 +317,38 @@ factored = [[linear(x) * k for x, k in zip(p, (0.5, 0.8, 0.3))] for p in QUARTER
 # Rows from the bottom up.
 (HERE / "factored.pfm").write_bytes(b"PF\n2 2\n-1.0\n" + struct.pack("<12f", *flat(factored[2:] + factored[:2])))
 
+# ---- rough: green is roughness and blue is metal, as the file has them, times factors, and one of them alone ----
+f = File()
+image = f.add("images", {"uri": data(png(QUARTERS, 2), "image/png")})
+worn = lambda sampler, metallic, roughness, color: f.material(color, metallic, roughness, pbr={"metallicRoughnessTexture": {"index": texture(**sampler)}})
+tiles = [
+    worn({"magFilter": NEAREST}, 1, 1, (0.9, 0.6, 0.3)), worn({}, 1, 1, (0.5, 0.7, 0.9)),
+    worn({"wrapS": CLAMP, "wrapT": CLAMP}, 0.8, 0.6, (0.9, 0.9, 0.4)), worn({"magFilter": NEAREST}, 0, 1, (0.6, 0.3, 0.5)),
+]
+for i, material in enumerate(tiles):
+    f.node(mesh=f.mesh(f.primitive(**square(0.9), material=material)), translation=[2 * (i % 2) - 1, 1 - 2 * (i // 2), 0])
+f.camera([0, 0, 8], yfov=0.55)
+f.light(type="directional", intensity=3, rotation=turn([1, 0, 0], -15))
+f.light(type="directional", intensity=2, color=[0.4, 0.6, 1], rotation=turn([0, 1, 0], 50))
+f.write("rough.gltf")
+scaled = [[0, p[1] / 255 * 0.6, p[2] / 255 * 0.8] for p in QUARTERS]
+(HERE / "scaled.pfm").write_bytes(b"PF\n2 2\n-1.0\n" + struct.pack("<12f", *flat(scaled[2:] + scaled[:2])))
+
+# ---- colors: of vertices, by floats and by bytes whose alpha means nothing, times a factor and an image; one mesh twice ----
+f = File()
+image = f.add("images", {"uri": data(png(QUARTERS, 2), "image/png")})
+painted = f.material((1, 1, 1), pbr={"baseColorTexture": {"index": texture(magFilter=NEAREST)}})
+plain, dimmed = f.material((1, 1, 1)), f.material((0.5, 0.8, 0.3))
+floats = f.rows([[0.9, 0.1, 0.2], [0.2, 0.8, 0.1], [0.1, 0.3, 0.9], [0.7, 0.7, 0.6]])
+bytes_ = f.rows([[255, 51, 0, 0], [0, 204, 102, 255], [51, 0, 255, 9], [255, 255, 255, 77]], "VEC4", UBYTE, normalized=True)
+for i, (material, colors) in enumerate([(plain, floats), (dimmed, bytes_), (painted, floats), (plain, None)]):
+    shown = f.primitive(**square(0.9), material=material)
+    shown["attributes"].update({} if colors is None else {"COLOR_0": colors})
+    f.node(mesh=f.mesh(shown), translation=[2 * (i % 2) - 1, 1 - 2 * (i // 2), 0])
+f.camera([0, 0, 8], yfov=0.55)
+f.light(type="directional", intensity=3)
+f.write("colors.gltf")
+
 # ---- alpha: cut, blended by a factor and by an image, opaque in spite of it; sides ----
 VEIL = [[230, 120, 40, a] for a in (255, 128, 100, 20, 200, 127, 60, 255, 0, 180, 90, 240, 140, 30, 210, 110)]
 f = File()

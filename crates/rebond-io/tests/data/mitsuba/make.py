@@ -67,18 +67,23 @@ def obj(path, with_normals):
     path.write_text("\n".join(lines) + "\n")
 
 
-def ply(path, with_normals):
+def ply(path, with_normals, attributes=False):
+    """Attributes are a colour and a number of vertices, and a colour of faces."""
     points, uvs, triangles = surface(24, 12)
-    columns = ["x", "y", "z"] + (["nx", "ny", "nz"] if with_normals else []) + ["u", "v"]
+    columns = ["x", "y", "z"] + (["nx", "ny", "nz"] if with_normals else []) + ["u", "v"] + (["r", "g", "b", "rough_x"] if attributes else [])
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
     header += [f"property float {c}" for c in columns]
-    header += [f"element face {len(triangles)}", "property list uchar int vertex_indices", "end_header", ""]
+    header += [f"element face {len(triangles)}", "property list uchar int vertex_indices"]
+    header += [f"property float tone_{c}" for c in "rgb" if attributes] + ["end_header", ""]
     data = "\n".join(header).encode()
+    wave = lambda x: 0.5 + 0.4 * math.sin(x)
     for p, n, t in zip(points, normals(points), uvs):
         row = p + (n if with_normals else ()) + t
+        row += (wave(3 * p[0]), wave(2 * p[1] + 1), wave(4 * p[2]), wave(2 * p[0] - 3 * p[2])) if attributes else ()
         data += struct.pack(f"<{len(row)}f", *row)
-    for t in triangles:
+    for i, t in enumerate(triangles):
         data += struct.pack("<B3i", 3, *t)
+        data += struct.pack("<3f", wave(i), wave(1.7 * i), wave(i // 48)) if attributes else b""
     path.write_bytes(data)
 
 
@@ -111,6 +116,10 @@ def main():
     png(HERE / "quarters.png", rows)
     png(HERE / "holes.png", [[(255,) * 3 if (x - 3.5) ** 2 + (y - 3) ** 2 > 5 else (0,) * 3 for x in range(8)] for y in range(8)])
     slope = lambda x, y: (0.3 * math.sin(2 * math.pi * x / 16), 0.2 * math.cos(2 * math.pi * y / 16))
+    # Both programs' rough metal is alike up to 0.2, and no longer above.
+    small = [[(0.04, 0.2, 0.1), (0.16, 0.06, 0.12)], [(0.1, 0.12, 0.2), (0.2, 0.05, 0.02)]]
+    pfm(HERE / "small.pfm", [[small[y // 2][x // 2] for x in range(4)] for y in range(4)])
+    png(HERE / "dim.png", [[tuple(round(600 * x) for x in small[y // 2][x // 2]) for x in range(4)] for y in range(4)])
     normal = lambda x, y: unit((slope(x, y)[0], slope(x, y)[1], 1))
     code = lambda x: round(255 * (x + 1) / 2)
     png(HERE / "normals.png", [[tuple(map(code, normal(x, y))) for x in range(16)] for y in range(16)])
@@ -125,6 +134,7 @@ def main():
     obj(HERE / "lump-normals.obj", True)
     ply(HERE / "lump.ply", False)
     ply(HERE / "lump-normals.ply", True)
+    ply(HERE / "painted.ply", False, True)
     serialized(HERE / "two.serialized")
 
 
