@@ -235,13 +235,13 @@ fn merging(workshop: &Workshop, out: &mut Findings) -> Result<(), Failure> {
          vue avec ses caustiques dans un miroir : de la lumière que ni les chemins depuis l'œil ni les connexions ne trouvent, sinon par \
          hasard.",
     ]);
-    let size = workshop.pick([[24, 18], [192, 144], [512, 384]]);
+    let size = workshop.pick([[48, 36], [192, 144], [512, 384]]);
     let stage = workshop.stage("caustic-mirror", size)?;
-    let long = Shot::new("vcm", workshop.pick([64, 128, 1024]));
+    let long = Shot::new("vcm", workshop.pick([128, 128, 1024]));
     let reference = workshop.film(&stage, &Shot { seed: 11, ..long })?.0;
     let (mut row, mut rows, mut found) = (Vec::new(), Vec::new(), Vec::new());
     for (integrator, samples) in workshop.pick([
-        [("path", 32), ("bidirectional", 8), ("vcm", 8)],
+        [("path", 32), ("bidirectional", 16), ("vcm", 16)],
         [("path", 96), ("bidirectional", 16), ("vcm", 16)],
         [("path", 384), ("bidirectional", 64), ("vcm", 64)],
     ]) {

@@ -3,7 +3,9 @@
 use super::textures::Lie;
 use super::{Importer, Object, Property, Result, Spot, Use, Value, color, metals};
 use crate::import::free_name;
-use rebond::scene::description::{Color, ImageTexture, MaterialDescription, MaterialRef, NumberTexture, Texture};
+use rebond::scene::description::{
+    Color, Distribution, ImageTexture, MaterialDescription, MaterialRef, NumberTexture, Texture,
+};
 use std::rc::Rc;
 
 /// Roughness that both programs take for smooth, or as good as.
@@ -32,23 +34,31 @@ impl Importer {
         use MaterialDescription as M;
         let description = match o.plugin.as_str() {
             "diffuse" => M::Diffuse { reflectance: self.texture(o, "reflectance", 0.5, lie)? },
-            "conductor" => self.conductor(o, 0.0.into(), None, lie)?,
+            "conductor" => self.conductor(o, (0.0.into(), None, Distribution::Ggx), lie)?,
             "roughconductor" => {
-                self.distribution(o)?;
+                let distribution = self.distribution(o)?;
                 let (alpha, both) = self.roughness(o, lie)?;
-                self.conductor(o, alpha, both, lie)?
+                self.conductor(o, (alpha, both, distribution), lie)?
             }
             "dielectric" => {
                 let (int_ior, ext_ior) = self.indices(o, "bk7")?;
                 let tint = self.tint(o, lie)?;
-                M::Dielectric { int_ior, ext_ior, alpha: 0.0.into(), alpha_u: None, alpha_v: None, tint }
+                M::Dielectric {
+                    int_ior,
+                    ext_ior,
+                    alpha: 0.0.into(),
+                    alpha_u: None,
+                    alpha_v: None,
+                    distribution: Distribution::Ggx,
+                    tint,
+                }
             }
             "roughdielectric" => {
-                self.distribution(o)?;
+                let distribution = self.distribution(o)?;
                 let (int_ior, ext_ior) = self.indices(o, "bk7")?;
                 let (alpha, both) = self.roughness(o, lie)?;
                 let (alpha_u, alpha_v) = (both.map(|b| b[0]), both.map(|b| b[1]));
-                M::Dielectric { int_ior, ext_ior, alpha, alpha_u, alpha_v, tint: self.tint(o, lie)? }
+                M::Dielectric { int_ior, ext_ior, alpha, alpha_u, alpha_v, distribution, tint: self.tint(o, lie)? }
             }
             "thindielectric" => {
                 let (int_ior, ext_ior) = self.indices(o, "bk7")?;
@@ -171,19 +181,15 @@ impl Importer {
         Ok((index("int_ior", inside)?, index("ext_ior", "air")?))
     }
 
-    /// rebond has GGX only.
-    fn distribution(&mut self, o: &Object) -> Result<()> {
+    fn distribution(&mut self, o: &Object) -> Result<Distribution> {
         self.passed_over(o, &["sample_visible"]);
-        let found = self.text(o, "distribution")?;
-        let (word, at) = found.unwrap_or_else(|| ("beckmann".into(), o.at.clone()));
-        match word.as_str() {
-            "ggx" => Ok(()),
-            "beckmann" => {
-                let message = format!("the {} is of Beckmann's distribution, which is not supported", o.plugin);
-                let error = self.error(&at, message).with_help("write <string name=\"distribution\" value=\"ggx\"/>");
-                self.report.unsupported(error)
-            }
-            _ => Err(self.error(&at, format!("no distribution \"{word}\": ggx or beckmann"))),
+        match self.text(o, "distribution")? {
+            None => Ok(Distribution::Beckmann),
+            Some((word, at)) => match word.as_str() {
+                "ggx" => Ok(Distribution::Ggx),
+                "beckmann" => Ok(Distribution::Beckmann),
+                _ => Err(self.error(&at, format!("no distribution \"{word}\": ggx or beckmann"))),
+            },
         }
     }
 
@@ -199,8 +205,7 @@ impl Importer {
     fn conductor(
         &mut self,
         o: &Object,
-        alpha: NumberTexture,
-        both: Option<[f32; 2]>,
+        (alpha, both, distribution): (NumberTexture, Option<[f32; 2]>, Distribution),
         lie: Lie,
     ) -> Result<MaterialDescription> {
         let tint = self.texture(o, "specular_reflectance", 1.0, lie)?;
@@ -236,6 +241,7 @@ impl Importer {
             alpha,
             alpha_u: both.map(|b| b[0]),
             alpha_v: both.map(|b| b[1]),
+            distribution,
             tint,
             compensate: false,
         })

@@ -6,7 +6,7 @@ use crate::import::free_name;
 use crate::mitsuba::metals;
 use crate::mitsuba::spectra::{self, Use};
 use rebond::scene::description::{
-    Color, MaterialDescription, MaterialRef, Metal, NumberTexture, ShapeDescription, Texture,
+    Color, Distribution, MaterialDescription, MaterialRef, Metal, NumberTexture, ShapeDescription, Texture,
 };
 use std::collections::BTreeMap;
 
@@ -125,6 +125,7 @@ impl Importer<'_> {
                     alpha,
                     alpha_u: both.map(|b| b[0]),
                     alpha_v: both.map(|b| b[1]),
+                    distribution: Distribution::Ggx,
                     tint: Texture::grey(1.0),
                     compensate: false,
                 })
@@ -137,6 +138,7 @@ impl Importer<'_> {
                     alpha,
                     alpha_u: both.map(|b| b[0]),
                     alpha_v: both.map(|b| b[1]),
+                    distribution: Distribution::Ggx,
                     tint: Texture::grey(1.0),
                 })
             }

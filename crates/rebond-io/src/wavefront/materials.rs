@@ -15,7 +15,9 @@ use super::library::{Line, Material};
 use super::{Importer, two_sided};
 use crate::error::Error;
 use rebond::film::Image;
-use rebond::scene::description::{Color, ImageTexture, LobeForm, MaterialDescription, MaterialRef, Texture};
+use rebond::scene::description::{
+    Color, Distribution, ImageTexture, LobeForm, MaterialDescription, MaterialRef, Texture,
+};
 use rebond::texture::{Encoding, SAME_UV, TextureFilter, Wrap};
 
 type Result<T> = std::result::Result<T, Error>;
@@ -82,6 +84,7 @@ impl Importer {
                     alpha: 0.0.into(),
                     alpha_u: None,
                     alpha_v: None,
+                    distribution: Distribution::Ggx,
                     tint,
                 },
             });

@@ -14,6 +14,10 @@ fn lobe(p: [f32; PARAMETERS]) -> Lobe<f32> {
 fn models() -> Vec<(&'static str, Model, [f32; PARAMETERS])> {
     let metal = |ax, ay| [0.143, 0.375, 1.442, 3.983, 2.386, 1.603, ax, ay, 0.0];
     let glass = |eta, ax, ay| [eta, 0.0, 0.0, 0.0, 0.0, 0.0, ax, ay, 0.0];
+    let beckmann = |mut p: [f32; PARAMETERS]| {
+        p[beckmann::DISTRIBUTION] = 1.0;
+        p
+    };
     let r = |r| [r, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
     let ashikhmin = |rs, nu, nv| [rs, rs, rs * 0.5, nu, nv, 0.0, 0.0, 0.0, 0.0];
     let plastic = |eta, nonlinear, alpha| [eta, nonlinear, 0.0, 0.0, 0.0, 0.0, alpha, 0.0, 0.0];
@@ -30,6 +34,11 @@ fn models() -> Vec<(&'static str, Model, [f32; PARAMETERS])> {
         ("rough glass", Model::RoughDielectric, glass(1.5, 0.3, 0.3)),
         ("brushed glass", Model::RoughDielectric, glass(1.33, 0.6, 0.2)),
         ("rough air in glass", Model::RoughDielectric, glass(1.0 / 1.5, 0.4, 0.4)),
+        ("Beckmann's gold", Model::RoughConductor, beckmann(metal(0.3, 0.3))),
+        ("Beckmann's rougher gold", Model::RoughConductor, beckmann(metal(0.9, 0.9))),
+        ("Beckmann's brushed gold", Model::RoughConductor, beckmann(metal(0.5, 0.15))),
+        ("Beckmann's glass", Model::RoughDielectric, beckmann(glass(1.5, 0.3, 0.3))),
+        ("Beckmann's brushed glass", Model::RoughDielectric, beckmann(glass(1.33, 0.6, 0.2))),
         ("phong 60", Model::Phong, r(60.0)),
         ("phong 3", Model::Phong, r(3.0)),
         ("phong 300", Model::Phong, r(300.0)),

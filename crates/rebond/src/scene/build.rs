@@ -1,9 +1,9 @@
 //! From a description to a scene: names resolved, transforms multiplied out, tables filled, mistakes found.
 
 use super::description::{
-    AttributeTexture, CameraDescription, Channel, Color, EmitterDescription, FovAxis, ImageTexture, LobeForm,
-    MaterialDescription, MaterialRef, Mesh, MeshFile, Metal, NumberTexture, SceneDescription, ShapeDescription,
-    Texture,
+    AttributeTexture, CameraDescription, Channel, Color, Distribution, EmitterDescription, FovAxis, ImageTexture,
+    LobeForm, MaterialDescription, MaterialRef, Mesh, MeshFile, Metal, NumberTexture, SceneDescription,
+    ShapeDescription, Texture,
 };
 use super::faces::{Extent, Names};
 use super::pilot;
@@ -229,6 +229,14 @@ fn exponent(path: &str, x: f32) -> Result<f32> {
 }
 
 /// The index of the inside over that of the outside.
+/// The parameter that tells a distribution.
+fn facets(distribution: Distribution) -> f32 {
+    match distribution {
+        Distribution::Ggx => 0.0,
+        Distribution::Beckmann => 1.0,
+    }
+}
+
 fn relative_index(path: &str, int_ior: f32, ext_ior: f32) -> Result<f32> {
     let ior = |key: &str, x: f32| number(&format!("{path}.{key}"), x, 0.1..=100.0, "index of refraction");
     Ok(ior("int_ior", int_ior)? / ior("ext_ior", ext_ior)?)
@@ -722,17 +730,18 @@ impl<'a> Builder<'a> {
             M::Mirror { reflectance } => {
                 self.simple(Model::Mirror, path, "reflectance", reflectance, [0.0; PARAMETERS])
             }
-            M::Dielectric { int_ior, ext_ior, alpha, alpha_u, alpha_v, tint } => {
+            M::Dielectric { int_ior, ext_ior, alpha, alpha_u, alpha_v, distribution, tint } => {
                 let eta = relative_index(path, *int_ior, *ext_ior)?;
                 let ([u, v], roughness) = self.roughness(path, alpha, *alpha_u, *alpha_v)?;
                 // With equal indices a rough boundary is no boundary either, and its half vectors are undefined.
                 let smooth = u.max(v) < SMOOTH || eta == 1.0;
                 let model = if smooth { Model::Dielectric } else { Model::RoughDielectric };
-                let p = [eta, 0.0, 0.0, 0.0, 0.0, 0.0, u.max(SMOOTH), v.max(SMOOTH), 0.0];
+                let facets = facets(*distribution);
+                let p = [eta, 0.0, 0.0, 0.0, 0.0, 0.0, u.max(SMOOTH), v.max(SMOOTH), facets];
                 let roughness = if smooth { NumberFrom::default() } else { roughness };
                 self.varying(model, path, "tint", tint, p, Row { roughness, aspect: 1.0, ..Row::default() })
             }
-            M::Conductor { metal, eta, k, alpha, alpha_u, alpha_v, tint, compensate } => {
+            M::Conductor { metal, eta, k, alpha, alpha_u, alpha_v, distribution, tint, compensate } => {
                 let (eta, k) = match (metal, eta, k) {
                     (Some(metal), None, None) => index_of(*metal),
                     (None, Some(eta), Some(k)) => {
@@ -746,12 +755,17 @@ impl<'a> Builder<'a> {
                     let error = BuildError::new(format!("{path}.compensate"), "compensation of an anisotropic metal");
                     return Err(error.help("give one `alpha` for both directions, or leave out `compensate`"));
                 }
+                if *compensate && *distribution != Distribution::Ggx {
+                    let what = "compensation of a distribution other than GGX";
+                    let error = BuildError::new(format!("{path}.compensate"), what);
+                    return Err(error.help("leave out `distribution`, or leave out `compensate`"));
+                }
                 let model = match compensate {
                     _ if u.max(v) < SMOOTH => Model::Conductor,
                     true => Model::CompensatedConductor,
                     false => Model::RoughConductor,
                 };
-                let p = [eta[0], eta[1], eta[2], k[0], k[1], k[2], u.max(SMOOTH), v.max(SMOOTH), 0.0];
+                let p = [eta[0], eta[1], eta[2], k[0], k[1], k[2], u.max(SMOOTH), v.max(SMOOTH), facets(*distribution)];
                 self.varying(model, path, "tint", tint, p, Row { roughness, aspect: 1.0, ..Row::default() })
             }
             M::Phong { reflectance, exponent, form } => {

@@ -372,6 +372,17 @@ pub enum LobeForm {
     Lecture,
 }
 
+/// Distributions of facets of rough metal and glass.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Distribution {
+    /// GGX, or Trowbridge and Reitz's.
+    #[default]
+    Ggx,
+    /// Beckmann's, of Gaussian slopes.
+    Beckmann,
+}
+
 /// A metal whose complex index of refraction is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -412,7 +423,7 @@ pub enum MaterialDescription {
         #[serde(default = "white")]
         reflectance: Texture,
     },
-    /// Glass, water and the like: smooth, or of GGX roughness.
+    /// Glass, water and the like: smooth, or rough.
     Dielectric {
         /// Index of refraction inside (against the normal).
         #[serde(default = "glass")]
@@ -420,7 +431,7 @@ pub enum MaterialDescription {
         /// Index of refraction outside.
         #[serde(default = "air")]
         ext_ior: f32,
-        /// GGX roughness; 0 is smooth.
+        /// Roughness; 0 is smooth.
         #[serde(default = "zero")]
         alpha: NumberTexture,
         /// Roughness along the tangent, in place of `alpha`.
@@ -429,11 +440,14 @@ pub enum MaterialDescription {
         /// Roughness across the tangent, in place of `alpha`.
         #[serde(default)]
         alpha_v: Option<f32>,
+        /// How facets are distributed.
+        #[serde(default)]
+        distribution: Distribution,
         /// Factor on all it scatters; 1 for what is physical.
         #[serde(default = "white")]
         tint: Texture,
     },
-    /// Metal: smooth, or of GGX roughness.
+    /// Metal: smooth, or rough.
     Conductor {
         /// Take η and k of this metal.
         #[serde(default)]
@@ -444,7 +458,7 @@ pub enum MaterialDescription {
         /// Imaginary part.
         #[serde(default)]
         k: Option<Color>,
-        /// GGX roughness; 0 is smooth.
+        /// Roughness; 0 is smooth.
         #[serde(default = "zero")]
         alpha: NumberTexture,
         /// Roughness along the tangent, in place of `alpha`.
@@ -453,6 +467,9 @@ pub enum MaterialDescription {
         /// Roughness across the tangent, in place of `alpha`.
         #[serde(default)]
         alpha_v: Option<f32>,
+        /// How facets are distributed.
+        #[serde(default)]
+        distribution: Distribution,
         /// Factor on the reflectance; 1 for what is physical.
         #[serde(default = "white")]
         tint: Texture,
