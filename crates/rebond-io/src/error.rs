@@ -30,6 +30,26 @@ pub struct Place {
     pub source_line: String,
 }
 
+/// Longest line that is shown whole, and how much of a longer one, from how far before the place; in characters.
+const LONGEST: usize = 200;
+const SHOWN: usize = 160;
+const BEFORE: usize = 60;
+
+impl Place {
+    /// The line, or what of it is around the place if it is long; characters before the place there, and its width.
+    fn shown(&self) -> (String, usize, usize) {
+        let (count, at) = (self.source_line.chars().count(), self.column.saturating_sub(1));
+        if count <= LONGEST {
+            return (self.source_line.clone(), at, self.width.max(1));
+        }
+        let start = at.saturating_sub(BEFORE).min(count - SHOWN);
+        let part: String = self.source_line.chars().skip(start).take(SHOWN).collect();
+        let [left, right] = [start > 0, start + SHOWN < count].map(|more| if more { "…" } else { "" });
+        let before = at - start + left.chars().count();
+        (format!("{left}{part}{right}"), before, self.width.clamp(1, (start + SHOWN).saturating_sub(at).max(1)))
+    }
+}
+
 impl Error {
     /// An error that names no place.
     pub fn new(message: impl Into<String>) -> Self {
@@ -78,12 +98,12 @@ impl Error {
         }
         // A line that is too long to be shown is not there.
         if let Some(place) = self.place.as_ref().filter(|p| !p.source_line.is_empty() || p.column == 1) {
+            let (line, before, width) = place.shown();
             // A tab must stay a tab under the line, for the carets to stand where they should.
-            let before = place.source_line.chars().take(place.column.saturating_sub(1));
-            let indent: String = before.map(|c| if c == '\t' { '\t' } else { ' ' }).collect();
+            let indent: String = line.chars().take(before).map(|c| if c == '\t' { '\t' } else { ' ' }).collect();
             let _ = writeln!(out, "{margin} |");
-            let _ = writeln!(out, "{}", format_args!("{number} | {}", place.source_line).to_string().trim_end());
-            let _ = writeln!(out, "{margin} | {indent}{}", "^".repeat(place.width.max(1)));
+            let _ = writeln!(out, "{}", format_args!("{number} | {line}").to_string().trim_end());
+            let _ = writeln!(out, "{margin} | {indent}{}", "^".repeat(width));
         }
         if let Some(help) = &self.help {
             let _ = writeln!(out, "{margin} = help: {help}");
@@ -118,3 +138,29 @@ impl Display for Error {
 }
 
 impl std::error::Error for Error {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn long_lines_are_shown_around_the_place() {
+        let line: String = (0..1000_u32).map(|i| char::from(b'a' + (i % 26) as u8)).collect();
+        for (column, width, left, right) in
+            [(1, 3, "", "…"), (501, 4, "…", "…"), (998, 3, "…", ""), (600, 900, "…", "…")]
+        {
+            let place = Place { line: 1, column, width, source_line: line.clone() };
+            let snippet = Error { place: Some(Box::new(place)), ..Error::new("no") }.with_file("a").snippet();
+            let shown: Vec<&str> = snippet.lines().skip(3).collect();
+            let [text, carets] = [shown[0], shown[1]].map(|l| l.chars().skip(4).collect::<Vec<char>>());
+            assert!(text.len() <= SHOWN + 2, "{snippet}");
+            assert!(
+                text.iter().collect::<String>().starts_with(left) && text.iter().collect::<String>().ends_with(right)
+            );
+            let at = carets.iter().position(|c| *c == '^').expect("carets");
+            let wanted: Vec<char> = line.chars().skip(column - 1).take(3).collect();
+            assert_eq!(text[at..at + 3], wanted, "{snippet}");
+            assert_eq!(carets.len() - at, width.min(SHOWN - BEFORE), "{snippet}");
+        }
+    }
+}

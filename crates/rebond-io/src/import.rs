@@ -221,6 +221,51 @@ pub(crate) fn steps(m: DMat4) -> Transform {
     Transform(vec![TransformStep { matrix: Some(rows.to_vec()), ..TransformStep::default() }])
 }
 
+/// The side of a picture along which a field of view is measured.
+pub(crate) fn side(axis: FovAxis, [width, height]: [f64; 2]) -> f64 {
+    match axis {
+        FovAxis::X => width,
+        FovAxis::Y => height,
+        FovAxis::Smaller => width.min(height),
+        FovAxis::Larger => width.max(height),
+    }
+}
+
+/// The field of view of `length`, degrees, if that of `side` is this.
+pub(crate) fn field_of(length: f64, fov: f32, side: f64) -> f32 {
+    let half = (f64::from(fov).to_radians() / 2.0).tan() * length / side;
+    (2.0 * half.atan()).to_degrees() as f32
+}
+
+/// Whether a transform keeps angles: it turns, mirrors, moves and scales alike along all axes.
+pub(crate) fn even(m: DMat4) -> bool {
+    let axes = [m.x_axis, m.y_axis, m.z_axis].map(|a| a.truncate());
+    let size = axes[0].length_squared();
+    (0..3).all(|i| (0..3).all(|j| (axes[i].dot(axes[j]) - if i == j { size } else { 0.0 }).abs() <= 1e-6 * size))
+}
+
+/// Cuts what a camera sees in a picture of `full` pixels down to the part of it from (x, y) on, of w by h pixels: that becomes the picture.
+pub(crate) fn cut(camera: &mut CameraDescription, full: [u32; 2], [x, y, w, h]: [u32; 4]) {
+    let [width, height] = full.map(f64::from);
+    let [x, y, w, h] = [x, y, w, h].map(f64::from);
+    // From the middle of the whole to that of the part, in pixels to the right and down.
+    let (right, down) = (x + (w - width) / 2.0, y + (h - height) / 2.0);
+    match camera {
+        CameraDescription::Perspective { fov, fov_axis, principal_point_offset, .. }
+        | CameraDescription::ThinLens { fov, fov_axis, principal_point_offset, .. } => {
+            *fov = field_of(w, *fov, side(*fov_axis, [width, height]));
+            *fov_axis = FovAxis::X;
+            let [across, along] = principal_point_offset.map(f64::from);
+            *principal_point_offset = [((across * width + right) / w) as f32, ((along * height + down) / h) as f32];
+        }
+        CameraDescription::Orthographic { to_world, .. } => {
+            let scale = DMat4::from_scale(DVec3::new(w / width, w / width, 1.0));
+            let moved = DMat4::from_translation(DVec3::new(-right, -down, 0.0) * 2.0 / width);
+            to_world.0.splice(0..0, steps(moved * scale).0);
+        }
+    }
+}
+
 /// The box around points; those that are not finite do not count.
 pub(crate) fn bounds<'a>(points: impl Iterator<Item = &'a [f32; 3]>) -> [DVec3; 2] {
     points.fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |b, p| {
@@ -242,6 +287,7 @@ pub(crate) fn camera_before([lo, hi]: [DVec3; 2]) -> (CameraDescription, [u32; 2
         to_world: Transform(vec![TransformStep { look_at: Some(look_at), ..TransformStep::default() }]),
         fov: 40.0,
         fov_axis: FovAxis::Smaller,
+        principal_point_offset: [0.0; 2],
         near_clip: 0.0,
         shutter_open: 0.0,
         shutter_close: 0.0,
@@ -314,6 +360,34 @@ mod tests {
             area += f64::from(n.length()) / 2.0;
         }
         assert!((area / std::f64::consts::TAU - 1.0).abs() < 1e-4, "{area}");
+    }
+
+    /// The rays of a part are those of the whole, through whatever camera.
+    #[test]
+    fn parts_of_pictures_are_cut_from_the_whole() {
+        use crate::scene::SceneSource;
+        let cameras = [
+            "type = \"perspective\"\nfov = 50\nfov_axis = \"larger\"\nprincipal_point_offset = [0.3, -0.2]",
+            "type = \"perspective\"\nfov = 50\nfov_axis = \"smaller\"",
+            "type = \"thin-lens\"\nfov = 50\nfov_axis = \"y\"\naperture_radius = 0.2\nfocus_distance = 3",
+            "type = \"orthographic\"",
+        ];
+        let ([width, height], part) = ([40, 30], [7, 3, 20, 24]);
+        for camera in cameras {
+            let text = format!(
+                "film = {{ width = {width}, height = {height} }}\n[camera]\n{camera}\nto_world = {{ translate = [1, 2, 3] }}\n"
+            );
+            let mut source = SceneSource::parse(&text, "a", "a", crate::SceneFiles::BuiltIn).expect("a scene");
+            let whole = source.build().expect("a scene");
+            cut(&mut source.description.camera, [width, height], part);
+            (source.description.film.width, source.description.film.height) = (part[2], part[3]);
+            let cut = source.build().expect("a scene");
+            for [x, y] in [[0.0_f32, 0.0], [3.5, 20.0], [20.0, 24.0]] {
+                let a = whole.camera().ray([x + 7.0, y + 3.0], [0.3, 0.7], 0.0);
+                let b = cut.camera().ray([x, y], [0.3, 0.7], 0.0);
+                assert!((a.o - b.o).length() < 1e-5 && (a.d - b.d).length() < 1e-6, "{camera}: {a:?} for {b:?}");
+            }
+        }
     }
 
     #[test]

@@ -194,7 +194,7 @@ enum Origin {
 const MOST_LEFT_OUT: usize = 64;
 
 /// What scene files end in.
-const EXTENSIONS: &str = ".toml, or .xml (Mitsuba 3), .pbrt (pbrt-v4), .gltf and .glb, .obj";
+const EXTENSIONS: &str = ".toml, or .xml (Mitsuba 3), .pbrt or .pbrt.gz (pbrt-v4), .gltf and .glb, .obj";
 
 impl SceneSource {
     /// Reads a built-in scene by name, or a file by path; another program's strictly.
@@ -209,7 +209,13 @@ impl SceneSource {
         }
         let path = Path::new(scene);
         let names: Vec<&str> = BUILT_IN_SCENES.iter().map(|b| b.name).collect();
-        let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+        let lower_case = |p: &Path| p.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+        let mut extension = lower_case(path);
+        let inner = path.file_stem().map(Path::new);
+        let packed = extension.as_deref() == Some("gz") && inner.and_then(lower_case).as_deref() == Some("pbrt");
+        if packed {
+            extension = Some("pbrt".into());
+        }
         match extension.as_deref() {
             Some("toml" | "xml" | "pbrt" | "gltf" | "glb" | "obj") => {}
             Some(_) if path.exists() => {
@@ -228,7 +234,12 @@ impl SceneSource {
         }
         let bytes = std::fs::read(path).map_err(|e| Error::new(format!("cannot read the scene \"{scene}\": {e}")))?;
         let folder = path.parent().map_or_else(PathBuf::new, Path::to_path_buf);
-        let name = path.file_stem().map_or_else(|| "scene".into(), |s| s.to_string_lossy().into_owned());
+        let bytes = match packed {
+            true => crate::pbrt::unpack(&bytes).map_err(|m| Error::new(m).with_file(scene))?,
+            false => bytes,
+        };
+        let name = if packed { inner.and_then(Path::file_stem) } else { path.file_stem() };
+        let name = name.map_or_else(|| "scene".into(), |s| s.to_string_lossy().into_owned());
         let from = Some(path.to_path_buf());
         let imported = |scene: Imported| {
             let mut source = Self { path: from.clone(), ..Self::imported(scene, &name) };

@@ -265,7 +265,10 @@ fn each_file(scene: &mut SceneDescription, f: &mut dyn FnMut(&mut String)) {
         }
     }
     for emitter in &mut scene.emitters {
-        if let EmitterDescription::Envmap { file, .. } = emitter {
+        if let EmitterDescription::Envmap { file, .. }
+        | EmitterDescription::Projector { file, .. }
+        | EmitterDescription::Goniometric { file, .. } = emitter
+        {
             f(file);
         }
     }

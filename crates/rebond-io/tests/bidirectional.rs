@@ -8,7 +8,7 @@ use rebond::integrators::IntegratorSettings;
 use rebond::math::Moments;
 use rebond::render::{Budget, Engine, PathLayer, Region, render};
 use rebond::sampling::{Sampler, SamplerSettings};
-use rebond_io::{SceneSource, from_settings};
+use rebond_io::{SceneFiles, SceneSource, from_settings};
 
 #[test]
 fn diffuse_room() {
@@ -149,6 +149,68 @@ fn near_clips() {
         &[("path:max_depth=3", 64), ("light:max_depth=3", 256), ("bidirectional:max_depth=3", 32)],
         40.0,
     );
+}
+
+/// Points that shine through images: before a plane, through a beam, all around; enough of them for a tree.
+#[test]
+fn projectors() {
+    let text = r#"
+        film = { width = 16, height = 16 }
+        [camera]
+        type = "perspective"
+        fov = 50
+        to_world.look_at = { origin = [0, -4, 3], target = [0, 0, 0.3], up = [0, 0, 1] }
+        [[shapes]]
+        type = "rectangle"
+        to_world = { scale = 4 }
+        material = { type = "diffuse", reflectance = 0.5 }
+        [[shapes]]
+        type = "sphere"
+        center = [0.3, 0.2, 0.5]
+        radius = 0.5
+        material = { type = "conductor", metal = "copper", alpha = 0.3 }
+        [[emitters]]
+        type = "projector"
+        file = "quarters.png"
+        fov = 60
+        intensity = 10
+        even = true
+        to_world.look_at = { origin = [-1, -0.5, 2], target = [0, 0, 0], up = [0, 1, 0] }
+        [[emitters]]
+        type = "projector"
+        file = "quarters.png"
+        filter = "nearest"
+        fov = 80
+        aspect = 2
+        intensity = [4, 6, 8]
+        cutoff_angle = 40
+        beam_width = 10
+        to_world.look_at = { origin = [1.5, 1, 1.5], target = [0.5, 0, 0], up = [0, 0, 1] }
+        [[emitters]]
+        type = "goniometric"
+        file = "quarters.png"
+        intensity = 2
+        to_world = [{ rotate = { axis = [1, 2, 0], angle = 50 } }, { translate = [-0.5, -1, 0.8] }]
+        "#;
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/gltf");
+    let source = SceneSource::parse(text, "test.toml", "test", SceneFiles::Folder(folder)).expect("a scene");
+    let all = [("path:max_depth=3", 256), ("light:max_depth=3", 256), ("bidirectional:max_depth=3", 128)];
+    agree_on("projectors", &source, &all, 20.0);
+}
+
+/// Pictures off the axis: the density of directions is that about the axis.
+#[test]
+fn shifted_pictures() {
+    let box_camera = "type = \"perspective\"\nfov = 39.3077";
+    let offset = "fov = 25\nprincipal_point_offset = [-0.7, 0.4]";
+    for camera in [
+        format!("type = \"perspective\"\n{offset}"),
+        format!("type = \"thin-lens\"\n{offset}\naperture_radius = 60\nfocus_distance = 1000"),
+    ] {
+        let source = changed("cornell-box", &[(box_camera, &camera)], [16, 16]);
+        let all = [("path:max_depth=4", 128), ("light:max_depth=4", 128), ("bidirectional:max_depth=4", 64)];
+        agree_on(&camera, &source, &all, 40.0);
+    }
 }
 
 /// One path at a time and sixteen in lanes: the same estimate. With samples of equal numbers all but rounding is the same.

@@ -214,6 +214,20 @@ fn lights_are_of_mitsubas_units() {
     ] {
         near(mean(&format!("{wall}{light}"), 4), [0.5 / pi, 0.25 / pi, 1.0 / pi]);
     }
+    // At distance z a projector's image is 1/z² as bright on a white wall that it faces, all over; scaled, as much brighter.
+    let place = "<lookat origin=\"0, 0, 2\" target=\"0, 0, 0\" up=\"0, 1, 0\"/>";
+    let projector = format!(
+        r#"<emitter type="projector"><float name="fov" value="80"/><float name="scale" value="4"/><rgb name="irradiance" value="1, 2, 3"/>
+<transform name="to_world">{place}</transform></emitter>"#
+    );
+    near(mean(&format!("{wall}{projector}"), 4), [0.5, 0.5, 3.0]);
+    let scaled = projector.replace("<lookat", "<scale value=\"3\"/><lookat");
+    near(mean(&format!("{wall}{scaled}"), 4), [1.5, 1.5, 9.0]);
+    // Off its picture there is nothing.
+    near(
+        mean(&format!("{wall}{}", projector.replace("0, 0, 2\" target=\"0, 0, 0", "5, 0, 2\" target=\"5, 0, 0")), 1),
+        [0.0; 3],
+    );
 }
 
 /// Lamps that show an image, beside the same scene whose meshes say where it lies.
@@ -305,7 +319,20 @@ fn checkerboards_of_numbers_are_the_other_way_round() {
 #[test]
 fn a_converted_scene_is_the_same_picture() {
     let folder = tempfile::tempdir().expect("a folder");
-    for name in ["shapes", "glow", "meshes", "nested", "sky", "wraps", "thin-lens", "glass", "rough", "painted"] {
+    for name in [
+        "shapes",
+        "glow",
+        "meshes",
+        "nested",
+        "sky",
+        "wraps",
+        "thin-lens",
+        "glass",
+        "projectors",
+        "window",
+        "rough",
+        "painted",
+    ] {
         let mut source = SceneSource::open(&data().join(format!("{name}.xml")).display().to_string()).expect("a scene");
         (source.description.film.width, source.description.film.height) = (24, 16);
         let out = folder.path().join(format!("{name}.toml"));
@@ -398,6 +425,42 @@ fn images_shine_on_meshes_that_say_where() {
     assert_eq!((error.line(), &*error.message), (Some(7), "an image that shines on a mesh without uvs"));
 }
 
+/// What shines through an image that cannot be had.
+#[test]
+fn slides_that_cannot_be_had_are_refused() {
+    let bitmap = "<string name=\"filename\" value=\"parts/quarters.png\"/>";
+    let spot = |texture: &str, more: &str| {
+        scene([2, 2], &format!("<emitter type=\"spot\"><texture name=\"texture\" {texture}</texture>{more}</emitter>"))
+    };
+    let good = spot(&format!("type=\"bitmap\">{bitmap}"), "");
+    let d = strict(&good).unwrap_or_else(|e| panic!("{}", e.snippet())).description;
+    let EmitterDescription::Projector { fov, aspect, cutoff_angle, beam_width, even, .. } = &d.emitters[0] else {
+        panic!("{:?}", d.emitters)
+    };
+    assert_eq!((*fov, *aspect, *cutoff_angle, *beam_width, *even), (40.0, Some(1.0), Some(20.0), Some(15.0), false));
+    for (text, message) in [
+        (spot("type=\"checkerboard\">", ""), "a checkerboard for the \"texture\" of a light: only bitmaps are"),
+        (
+            spot(&format!("type=\"bitmap\">{bitmap}<transform name=\"to_uv\"><scale value=\"2\"/></transform>"), ""),
+            "an image that a light shines through and a to_uv moves: it stays",
+        ),
+        (
+            spot(&format!("type=\"bitmap\">{bitmap}"), "<float name=\"cutoff_angle\" value=\"90\"/>"),
+            "the cutoff_angle of a spot with a texture is between 0 and 89.5",
+        ),
+        (scene([2, 2], "<emitter type=\"projector\"/>"), "the irradiance is missing"),
+        (
+            scene(
+                [2, 2],
+                "<emitter type=\"projector\"><rgb name=\"irradiance\" value=\"1, 1, 1\"/><transform name=\"to_world\"><scale x=\"2\"/></transform></emitter>",
+            ),
+            "a projector that is stretched or sheared",
+        ),
+    ] {
+        assert_eq!(fails(&text).2, message);
+    }
+}
+
 #[test]
 fn paths_lead_outside_only_if_they_may() {
     let shape =
@@ -416,7 +479,7 @@ fn what_is_missing_is_an_error_or_a_warning() {
     let text = scene(
         [4, 4],
         r#"<emitter type="constant"/><shape type="sphere"><bsdf type="roughconductor"><float name="glitter" value="1"/></bsdf></shape>
-<shape type="hair"/><emitter type="projector"/>"#,
+<shape type="hair"/><emitter type="sunsky"/>"#,
     );
     let error = strict(&text).expect_err("Beckmann's distribution");
     assert!(
@@ -430,7 +493,7 @@ fn what_is_missing_is_an_error_or_a_warning() {
         "a.xml:7:48: the roughconductor is of Beckmann's distribution, which is not supported",
         "a.xml:7:76: \"glitter\" means nothing to the bsdf \"roughconductor\"",
         "a.xml:8:1: the shape \"hair\" is not supported",
-        "a.xml:8:21: the emitter \"projector\" is not supported",
+        "a.xml:8:21: the emitter \"sunsky\" is not supported",
     ];
     assert_eq!(warnings.len(), wanted.len(), "{warnings:?}");
     for (warning, wanted) in warnings.iter().zip(wanted) {
@@ -480,6 +543,17 @@ fn settings_are_what_they_say() {
         .replace("value=\"7\"", "value=\"-1\"");
     let source = strict(&old).unwrap_or_else(|e| panic!("{}", e.snippet()));
     assert!(matches!(&source.description.integrator, IntegratorSettings::Path(p) if p.max_depth.is_none()));
+    // Parts of films, within them.
+    let film = "<integer name=\"width\" value=\"20\"/>";
+    let part = |x: u32| {
+        text.replace(
+            film,
+            &format!("{film}<integer name=\"crop_offset_x\" value=\"{x}\"/><integer name=\"crop_width\" value=\"6\"/>"),
+        )
+    };
+    let film = strict(&part(14)).unwrap_or_else(|e| panic!("{}", e.snippet())).description.film;
+    assert_eq!((film.width, film.height), (6, 10));
+    assert!(strict(&part(15)).is_err_and(|e| e.message == "the crop is empty, or leaves the film"));
     assert!(strict(&text.replace("3.0.0", "4.0.0")).is_err());
     assert!(strict(&text.replace(" version=\"3.0.0\"", "")).is_err());
 }

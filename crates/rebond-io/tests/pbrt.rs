@@ -19,12 +19,14 @@ const SCENES: &[&str] = &[
     "lights",
     "metals",
     "orthographic",
+    "projection",
     "sky",
     "stretched",
     "structure",
     "surfaces",
     "textures",
     "thin-lens",
+    "window",
 ];
 
 fn data() -> PathBuf {

@@ -595,6 +595,7 @@ impl Importer<'_> {
                     to_world: steps(place),
                     fov: p.yfov.to_degrees(),
                     fov_axis: FovAxis::Y,
+                    principal_point_offset: [0.0; 2],
                     near_clip: p.znear,
                     shutter_open: 0.0,
                     shutter_close: 0.0,

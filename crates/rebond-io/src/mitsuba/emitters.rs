@@ -5,11 +5,14 @@
 //! become m (h − 1): between two rows of the old ones lie m of the new, exactly on the line between them. Only around an old row, for
 //! 1/m of the distance to the next, is the bend rounded off.
 
-use super::{Importer, Object, Result};
-use crate::import::steps;
+use super::textures::Lie;
+use super::{Importer, Object, Result, Use, color};
+use crate::import::{even, field_of, side, squares, steps};
 use glam::{DMat4, DVec3, DVec4};
 use rebond::film::Image;
-use rebond::scene::description::{EmitterDescription, Transform};
+use rebond::scene::description::{Color, EmitterDescription, ImageTexture, Transform};
+use rebond::texture::SAME_UV;
+use std::f64::consts::PI;
 use std::rc::Rc;
 
 /// Rows that an environment is brought to by a larger m.
@@ -37,11 +40,58 @@ impl Importer {
             "spot" => {
                 let cutoff_angle = self.number_or(o, "cutoff_angle", 20.0)?;
                 let beam_width = self.number_or(o, "beam_width", 0.75 * f64::from(cutoff_angle))?;
-                if let Some(p) = o.get("texture") {
-                    self.unsupported(&p.at, "the texture of a spot light")?;
+                let (intensity, beam_width) = (self.light(o, "intensity")?, Some(beam_width));
+                match self.slide(o, "texture")? {
+                    None => EmitterDescription::Spot { to_world: steps(m), intensity, cutoff_angle, beam_width },
+                    Some(_) if !(cutoff_angle > 0.0 && cutoff_angle < 89.5) => {
+                        return Err(
+                            self.error(&o.at, "the cutoff_angle of a spot with a texture is between 0 and 89.5")
+                        );
+                    }
+                    Some((image, _)) => EmitterDescription::Projector {
+                        // Its image is upside down, in a square around its cone.
+                        to_world: steps(m * DMat4::from_scale(DVec3::new(-1.0, -1.0, 1.0))),
+                        file: image.image,
+                        encoding: image.encoding,
+                        filter: image.filter,
+                        wrap: image.wrap,
+                        fov: 2.0 * cutoff_angle,
+                        aspect: Some(1.0),
+                        intensity,
+                        even: false,
+                        cutoff_angle: Some(cutoff_angle),
+                        beam_width,
+                    },
                 }
-                let intensity = self.light(o, "intensity")?;
-                EmitterDescription::Spot { to_world: steps(m), intensity, cutoff_angle, beam_width: Some(beam_width) }
+            }
+            "projector" => {
+                let Some((image, size)) = self.slide(o, "irradiance")? else {
+                    if o.has("irradiance") {
+                        return Ok(());
+                    }
+                    return Err(self.error(&o.at, "the irradiance is missing"));
+                };
+                if !even(m) {
+                    self.unsupported(&o.at, "a projector that is stretched or sheared")?;
+                    return Ok(());
+                }
+                let (fov, axis) = self.field_of_view(o, size)?;
+                let size = size.map(f64::from);
+                // At distance 1 a white wall sends back what the image says.
+                let intensity = f64::from(self.number_or(o, "scale", 1.0)?) * PI * m.z_axis.length();
+                EmitterDescription::Projector {
+                    to_world: steps(m),
+                    file: image.image,
+                    encoding: image.encoding,
+                    filter: image.filter,
+                    wrap: image.wrap,
+                    fov: field_of(size[0], fov, side(axis, size)),
+                    aspect: None,
+                    intensity: Color([intensity as f32; 3]),
+                    even: true,
+                    cutoff_angle: None,
+                    beam_width: None,
+                }
             }
             "directional" => {
                 let direction = match self.vector(o, "direction")? {
@@ -60,6 +110,26 @@ impl Importer {
         self.places.note(format!("emitters[{}]", self.scene.emitters.len()), o.at.part());
         self.scene.emitters.push(emitter);
         Ok(())
+    }
+
+    /// The image that a light shines through, upright, and its size.
+    fn slide(&mut self, o: &Object, name: &str) -> Result<Option<(ImageTexture, [u32; 2])>> {
+        let Some(p) = o.get(name) else { return Ok(None) };
+        if let Some(c) = self.color(p, Use::Light)? {
+            let image = self.assets.add_image("slide", Image::from_rgb(1, 1, &[color(c).0]));
+            return Ok(Some((squares(image, SAME_UV), [1, 1])));
+        }
+        let Some(texture) = self.object(p)? else { return self.wrong(p, "a texture") };
+        if texture.plugin != "bitmap" {
+            self.unsupported(&p.at, format!("a {} for the \"{name}\" of a light: only bitmaps are", texture.plugin))?;
+            return Ok(None);
+        }
+        let image = self.bitmap(&texture, Lie::Flipped, true)?;
+        if image.to_uv.is_some_and(|m| m != SAME_UV) {
+            self.unsupported(&p.at, "an image that a light shines through and a to_uv moves: it stays")?;
+        }
+        let decoded = self.image(&image.image, &p.at)?;
+        Ok(Some((image, [decoded.width, decoded.height])))
     }
 
     fn environment(&mut self, o: &Object, m: DMat4) -> Result<EmitterDescription> {

@@ -18,12 +18,12 @@ const NEAR: f64 = 0.01;
 impl Importer {
     /// The camera, its film and its sampler.
     pub fn sensor(&mut self, o: &Rc<Object>) -> Result<()> {
-        let mut size = [768, 576];
+        let (mut size, mut part) = ([768, 576], [0, 0, 768, 576]);
         let films = self.children(o, &["film"])?;
         if let Some((film, _)) = films.first() {
-            size = self.film(film)?;
+            (size, part) = self.film(film)?;
         }
-        (self.scene.film.width, self.scene.film.height) = (size[0], size[1]);
+        (self.scene.film.width, self.scene.film.height) = (part[2], part[3]);
         for (sampler, _) in self.children(o, &["sampler"])? {
             self.sampler(&sampler)?;
         }
@@ -31,19 +31,24 @@ impl Importer {
         let to_world = crate::import::steps(m);
         let (shutter_open, shutter_close) =
             (self.number_or(o, "shutter_open", 0.0)?, self.number_or(o, "shutter_close", 0.0)?);
-        let camera = match o.plugin.as_str() {
+        let mut camera = match o.plugin.as_str() {
             "perspective" | "thinlens" => {
                 let (fov, fov_axis) = self.field_of_view(o, size)?;
                 let near_clip = self.near_and_far(o)?;
-                for name in ["principal_point_offset_x", "principal_point_offset_y"] {
-                    if self.number(o, name)?.is_some_and(|x| x != 0.0)
-                        && let Some(p) = o.get(name)
-                    {
-                        self.unsupported(&p.at, "a picture that is shifted off the camera's axis")?;
-                    }
-                }
                 if o.plugin == "perspective" {
-                    CameraDescription::Perspective { to_world, fov, fov_axis, near_clip, shutter_open, shutter_close }
+                    let offset = |name: &str| self.number_or(o, name, 0.0);
+                    CameraDescription::Perspective {
+                        to_world,
+                        fov,
+                        fov_axis,
+                        principal_point_offset: [
+                            offset("principal_point_offset_x")?,
+                            offset("principal_point_offset_y")?,
+                        ],
+                        near_clip,
+                        shutter_open,
+                        shutter_close,
+                    }
                 } else {
                     let Some(radius) = self.number(o, "aperture_radius")? else {
                         return Err(self.error(&o.at, "the aperture_radius is missing"));
@@ -52,6 +57,7 @@ impl Importer {
                         to_world,
                         fov,
                         fov_axis,
+                        principal_point_offset: [0.0; 2],
                         near_clip,
                         aperture_radius: radius as f32,
                         aperture_blades: 0,
@@ -70,29 +76,24 @@ impl Importer {
             }
             _ => {
                 self.unknown_plugin(o)?;
-                let default = CameraDescription::default();
-                match default {
-                    CameraDescription::Perspective {
-                        fov, fov_axis, near_clip, shutter_open, shutter_close, ..
-                    } => CameraDescription::Perspective {
-                        to_world,
-                        fov,
-                        fov_axis,
-                        near_clip,
-                        shutter_open,
-                        shutter_close,
-                    },
-                    other => other,
+                let mut default = CameraDescription::default();
+                if let CameraDescription::Perspective { to_world: place, .. } = &mut default {
+                    *place = to_world;
                 }
+                default
             }
         };
+        if part != [0, 0, size[0], size[1]] {
+            crate::import::cut(&mut camera, size, part);
+        }
         self.finish(o)?;
         self.places.note("camera", o.at.part());
         self.scene.camera = camera;
         Ok(())
     }
 
-    fn field_of_view(&mut self, o: &Object, size: [u32; 2]) -> Result<(f32, FovAxis)> {
+    /// The field of view of a picture of that size.
+    pub(super) fn field_of_view(&mut self, o: &Object, size: [u32; 2]) -> Result<(f32, FovAxis)> {
         if let Some(fov) = self.number(o, "fov")? {
             let axis = match self.text(o, "fov_axis")? {
                 None => FovAxis::X,
@@ -128,30 +129,32 @@ impl Importer {
         self.number_or(o, "near_clip", NEAR)
     }
 
-    fn film(&mut self, o: &Rc<Object>) -> Result<[u32; 2]> {
+    /// The size of the whole picture, and which part of it is wanted: its place and its size.
+    fn film(&mut self, o: &Rc<Object>) -> Result<([u32; 2], [u32; 4])> {
         if !matches!(o.plugin.as_str(), "hdrfilm" | "ldrfilm") {
             self.unknown_plugin(o)?;
         }
         let size = [self.count(o, "width", 768)?, self.count(o, "height", 576)?];
-        let crop = [("crop_offset_x", 0), ("crop_offset_y", 0), ("crop_width", size[0]), ("crop_height", size[1])];
-        for (name, whole) in crop {
-            if self.count(o, name, whole)? != whole
-                && let Some(p) = o.get(name)
-            {
-                let error = self.error(&p.at, "a film that is cropped").with_help("use --crop");
-                self.report.unsupported(error)?;
-            }
+        let part = [
+            self.count(o, "crop_offset_x", 0)?,
+            self.count(o, "crop_offset_y", 0)?,
+            self.count(o, "crop_width", size[0])?,
+            self.count(o, "crop_height", size[1])?,
+        ];
+        let within = |i: usize| part[i + 2] > 0 && part[i].checked_add(part[i + 2]).is_some_and(|end| end <= size[i]);
+        if part != [0, 0, size[0], size[1]] && !(within(0) && within(1)) {
+            return Err(self.error(&o.at, "the crop is empty, or leaves the film"));
         }
         // What the file is to be.
         let file =
             ["file_format", "pixel_format", "component_format", "sample_border", "compensate", "banner", "gamma"];
         self.passed_over(o, &file);
-        let mut filter = FilterSettings::Gaussian { stddev: 0.5 };
+        let mut filter = FilterSettings::default();
         for (f, _) in self.children(o, &["rfilter"])? {
             filter = match f.plugin.as_str() {
                 "box" => FilterSettings::Box { radius: self.number_or(&f, "radius", 0.5)? },
                 "tent" => FilterSettings::Tent { radius: self.number_or(&f, "radius", 1.0)? },
-                "gaussian" => FilterSettings::Gaussian { stddev: self.number_or(&f, "stddev", 0.5)? },
+                "gaussian" => FilterSettings::Gaussian { stddev: self.number_or(&f, "stddev", 0.5)?, radius: None },
                 "mitchell" => {
                     let third = 1.0 / 3.0;
                     FilterSettings::Mitchell { b: self.number_or(&f, "B", third)?, c: self.number_or(&f, "C", third)? }
@@ -167,7 +170,7 @@ impl Importer {
         self.scene.film.filter = filter;
         self.finish(o)?;
         self.places.note("film", o.at.part());
-        Ok(size)
+        Ok((size, part))
     }
 
     fn sampler(&mut self, o: &Rc<Object>) -> Result<()> {

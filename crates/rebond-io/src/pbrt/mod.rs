@@ -17,7 +17,7 @@ mod shapes;
 mod textures;
 
 use crate::error::Error;
-use crate::import::{Assets, ImportOptions, Imported, Places, Report, steps};
+use crate::import::{Assets, ImportOptions, Imported, Places, Report, even, field_of, steps};
 use crate::mitsuba::spectra;
 use glam::{DMat4, DVec3};
 use parse::{Parameter, Parameters, Spot, Word, Words};
@@ -62,12 +62,13 @@ pub fn read_pbrt(text: &str, file: &str, folder: &Path, options: ImportOptions) 
         numbers: 0,
         group: None,
         camera: None,
+        part: None,
         unnamed: Vec::new(),
         lying: BTreeSet::new(),
         cut: 0,
     };
-    importer.scene.film =
-        rebond::scene::description::FilmDescription { width: 1280, height: 720, ..Default::default() };
+    let filter = FilterSettings::Gaussian { stddev: 0.5, radius: Some(1.5) };
+    importer.scene.film = rebond::scene::description::FilmDescription { width: 1280, height: 720, filter };
     importer.scene.integrator = path(5);
     importer.run()?;
     Ok(Imported {
@@ -152,6 +153,8 @@ struct Importer<'a> {
     /// The object that is being defined: its name, and its shapes.
     group: Option<(String, Vec<ShapeDescription>)>,
     camera: Option<(String, Parameters, Spot, DMat4)>,
+    /// The part of the picture that is wanted: its place and its size.
+    part: Option<[u32; 4]>,
     /// Materials without a name: what stands for it, what they are to be called, and where they are.
     unnamed: Vec<(String, String, Spot)>,
     /// Names of those materials of which it matters where on a surface they are.
@@ -569,6 +572,63 @@ impl Importer<'_> {
                     beam_width: Some(beam),
                 }
             }
+            "projection" => {
+                let Some((name, at)) = self.word(&p, "filename")? else {
+                    return Err(self.error(at, "a projection light without a filename"));
+                };
+                if let Some(q) = p.get("power") {
+                    self.unsupported(q.at, "a projection light given by its power")?;
+                }
+                if !even(m) {
+                    return Err(
+                        self.error(at, "a projection light can be turned and mirrored, but not stretched or sheared")
+                    );
+                }
+                let (file, scale, fov) =
+                    (self.find(&name, at)?, self.number(&p, "scale", 1.0)?, self.number(&p, "fov", 90.0)?);
+                let [width, height] = self.size_of(&file, at)?.map(f64::from);
+                EmitterDescription::Projector {
+                    // The image's left is towards −x.
+                    to_world: steps(m * DMat4::from_scale(DVec3::new(-1.0, 1.0, 1.0))),
+                    file,
+                    encoding: Encoding::Auto,
+                    filter: TextureFilter::Nearest,
+                    wrap: Wrap::Clamp,
+                    fov: field_of(width, fov, width.min(height)),
+                    aspect: None,
+                    intensity: Color([scale; 3]),
+                    even: false,
+                    cutoff_angle: None,
+                    beam_width: None,
+                }
+            }
+            "goniometric" if p.get("filename").is_none() => {
+                let intensity = times(self.emitted(&p, "I")?, self.power(&p, "power", 4.0 * PI)?);
+                let position = array(m.w_axis.truncate());
+                EmitterDescription::Point { position, to_world: Transform::default(), intensity }
+            }
+            "goniometric" => {
+                let Some((name, at)) = self.word(&p, "filename")? else { return Ok(()) };
+                let (file, intensity) = (self.find(&name, at)?, self.emitted(&p, "I")?);
+                if let Some(q) = p.get("power") {
+                    self.unsupported(q.at, "a goniometric light given by its power")?;
+                }
+                if !even(m) {
+                    let message = "a goniometric light can be turned and mirrored, but not stretched or sheared";
+                    return Err(self.error(at, message));
+                }
+                self.warn(at, "its square is resampled to an equirectangular image");
+                // The mean of the channels counts.
+                let image = self.sky(&file, at)?;
+                let grey = |c: &[f32; 3]| [c.iter().sum::<f32>() / 3.0; 3];
+                let texels: Vec<[f32; 3]> = image.rgb("").unwrap_or_default().iter().map(grey).collect();
+                let image = rebond::film::Image::from_rgb(image.width, image.height, &texels);
+                // Here y is up, and x where φ is 0.
+                let axes =
+                    DMat4::from_cols(DVec3::Z.extend(0.0), DVec3::Y.extend(0.0), DVec3::X.extend(0.0), glam::DVec4::W);
+                let file = self.assets.add_image("goniometric", image);
+                EmitterDescription::Goniometric { to_world: steps(m * axes), file, intensity }
+            }
             "infinite" if p.get("filename").is_none() => {
                 let radiance = times(self.emitted(&p, "L")?, self.power(&p, "illuminance", PI)?);
                 EmitterDescription::Constant { radiance }
@@ -608,14 +668,15 @@ impl Importer<'_> {
 
     // ---- what comes before the world ----
 
-    /// The part of the screen that the picture shows: its centre, and how much larger it is than without `screenwindow`.
-    fn window(&mut self, p: &Parameters, aspect: f64) -> Result<([f64; 2], f64)> {
+    /// The part of the screen that the picture shows: its centre and its size.
+    fn window(&mut self, p: &Parameters, aspect: f64) -> Result<[[f64; 2]; 2]> {
         if let Some(q) = p.get("frameaspectratio")
             && (f64::from(self.number(p, "frameaspectratio", aspect)?) / aspect - 1.0).abs() > 1e-3
         {
             self.unsupported(q.at, "a frameaspectratio that is not the picture's: pixels are square")?;
         }
-        let Some(q) = p.get("screenwindow") else { return Ok(([0.0; 2], 1.0)) };
+        let whole = [2.0 * aspect.max(1.0), 2.0 / aspect.min(1.0)];
+        let Some(q) = p.get("screenwindow") else { return Ok([[0.0; 2], whole]) };
         let [x0, x1, y0, y1] = q.numbers[..] else {
             return Err(self.error(q.at, "a screenwindow is four numbers"));
         };
@@ -626,7 +687,7 @@ impl Importer<'_> {
         if (w / h / aspect - 1.0).abs() > 1e-3 {
             self.unsupported(q.at, "a screenwindow of other proportions than the picture: pixels are square")?;
         }
-        Ok(([(x0 + x1) / 2.0, (y0 + y1) / 2.0], w.min(h) / 2.0))
+        Ok([[(x0 + x1) / 2.0, (y0 + y1) / 2.0], [w, h]])
     }
 
     fn finish_camera(&mut self) -> Result<()> {
@@ -636,7 +697,9 @@ impl Importer<'_> {
         let (w, h) = (f64::from(self.scene.film.width), f64::from(self.scene.film.height));
         // pbrt's x goes right.
         let m = place * DMat4::from_scale(DVec3::new(-1.0, 1.0, 1.0));
-        let (centre, larger) = self.window(&p, w / h)?;
+        let [centre, window] = self.window(&p, w / h)?;
+        // How much larger it is than without `screenwindow`.
+        let larger = window[0].min(window[1]) / 2.0;
         let (shutter_open, shutter_close) =
             (self.number(&p, "shutteropen", 0.0)?, self.number(&p, "shutterclose", 1.0)?);
         // Nothing moves: when it is open does not matter.
@@ -645,22 +708,19 @@ impl Importer<'_> {
         let radius = self.number(&p, "lensradius", 0.0)?;
         let focus = self.number(&p, "focaldistance", 1e6)?;
         let to_world = steps(m);
-        let camera = match &*kind {
+        let mut camera = match &*kind {
             "perspective" => {
-                if centre != [0.0; 2]
-                    && let Some(q) = p.get("screenwindow")
-                {
-                    self.unsupported(q.at, "a picture that is shifted off the camera's axis")?;
-                }
                 let fov = f64::from(self.number(&p, "fov", 90.0)?);
                 let wider = ((fov.to_radians() / 2.0).tan() * larger).atan().to_degrees() * 2.0;
                 let fov = (if larger == 1.0 { fov } else { wider }) as f32;
                 let fov_axis = FovAxis::Smaller;
+                let offset = [centre[0] / window[0], -centre[1] / window[1]].map(|x| x as f32);
                 if radius > 0.0 {
                     CameraDescription::ThinLens {
                         to_world,
                         fov,
                         fov_axis,
+                        principal_point_offset: offset,
                         near_clip: 0.0,
                         aperture_radius: radius,
                         aperture_blades: 0,
@@ -674,6 +734,7 @@ impl Importer<'_> {
                         to_world,
                         fov,
                         fov_axis,
+                        principal_point_offset: offset,
                         near_clip: 0.0,
                         shutter_open,
                         shutter_close,
@@ -696,6 +757,10 @@ impl Importer<'_> {
             }
         };
         self.finish(&p, &format!("the camera \"{kind}\""))?;
+        if let Some(part) = self.part {
+            crate::import::cut(&mut camera, [self.scene.film.width, self.scene.film.height], part);
+            (self.scene.film.width, self.scene.film.height) = (part[2], part[3]);
+        }
         self.places.note("camera", at.part());
         self.scene.camera = camera;
         Ok(())
@@ -714,9 +779,7 @@ impl Importer<'_> {
             let _ = p.get(name);
         }
         // pbrt's own values say nothing.
-        let own: [(&str, &[f64]); 7] = [
-            ("cropwindow", &[0.0, 1.0, 0.0, 1.0]),
-            ("pixelbounds", &[]),
+        let own: [(&str, &[f64]); 5] = [
             ("sensor", &[]),
             ("iso", &[100.0]),
             ("exposuretime", &[1.0]),
@@ -731,8 +794,33 @@ impl Importer<'_> {
                 self.unsupported(q.at, format!("a film's {name}"))?;
             }
         }
+        self.part = self.part_of_film(&p)?;
         self.places.note("film", at.part());
         self.finish(&p, "a film")
+    }
+
+    /// The part of the picture that a film keeps, if it is not the whole.
+    fn part_of_film(&self, p: &Parameters) -> Result<Option<[u32; 4]>> {
+        let full = [self.scene.film.width, self.scene.film.height].map(f64::from);
+        let (q, pixels) = match (p.get("pixelbounds"), p.get("cropwindow")) {
+            (None, None) => return Ok(None),
+            (Some(q), None) => (q, [1.0; 2]),
+            (None, Some(q)) => (q, full),
+            (Some(_), Some(q)) => return Err(self.error(q.at, "either pixelbounds or a cropwindow, not both")),
+        };
+        let [x0, x1, y0, y1] = q.numbers[..] else {
+            return Err(self.error(q.at, format!("a {} is four numbers", q.name)));
+        };
+        let along = |from: f64, to: f64, i: usize| {
+            let [from, to] = [from, to].map(|x| (x * pixels[i]).ceil().clamp(0.0, full[i]));
+            [from, (to - from).max(0.0)]
+        };
+        let ([x, w], [y, h]) = (along(x0, x1, 0), along(y0, y1, 1));
+        if !(w > 0.0 && h > 0.0) {
+            return Err(self.error(q.at, "nothing of the picture is left"));
+        }
+        let part = [x, y, w, h].map(|x| x as u32);
+        Ok((part != [0, 0, self.scene.film.width, self.scene.film.height]).then_some(part))
     }
 
     fn filter(&mut self) -> Result<()> {
@@ -756,11 +844,9 @@ impl Importer<'_> {
             "box" => FilterSettings::Box { radius: x },
             "triangle" => FilterSettings::Tent { radius: x },
             "gaussian" => {
-                let sigma = self.number(&p, "sigma", 0.5)?;
-                if (x - 4.0 * sigma).abs() > 1e-3 {
-                    self.warn(at, "a Gaussian is cut off at four standard deviations");
-                }
-                FilterSettings::Gaussian { stddev: sigma }
+                let stddev = self.number(&p, "sigma", 0.5)?;
+                // Farther off it is nothing.
+                FilterSettings::Gaussian { stddev, radius: Some(x.min(8.0 * stddev)) }
             }
             "mitchell" if x == 2.0 => {
                 FilterSettings::Mitchell { b: self.number(&p, "B", third)?, c: self.number(&p, "C", third)? }
@@ -838,13 +924,6 @@ impl Importer<'_> {
 /// A factor on a colour.
 fn times(Color(c): Color, factor: f32) -> Color {
     Color(c.map(|x| x * factor))
-}
-
-/// Whether a transform keeps angles: it turns, mirrors, moves and scales alike along all axes.
-fn even(m: DMat4) -> bool {
-    let axes = [m.x_axis, m.y_axis, m.z_axis].map(|a| a.truncate());
-    let size = axes[0].length_squared();
-    (0..3).all(|i| (0..3).all(|j| (axes[i].dot(axes[j]) - if i == j { size } else { 0.0 }).abs() <= 1e-6 * size))
 }
 
 #[cfg(test)]

@@ -102,6 +102,28 @@ fn start(text: &str) -> usize {
     if text.starts_with('\u{feff}') { '\u{feff}'.len_utf8() } else { 0 }
 }
 
+/// What stands up to the end of a quote, and its length with that end.
+fn quote(rest: &str) -> Result<(String, usize), String> {
+    let (mut text, mut chars) = (String::new(), rest.char_indices());
+    while let Some((at, c)) = chars.next() {
+        match c {
+            '"' => return Ok((text, at + 1)),
+            '\n' => break,
+            '\\' => text.push(match chars.next() {
+                Some((_, 'n')) => '\n',
+                Some((_, 'r')) => '\r',
+                Some((_, 't')) => '\t',
+                Some((_, 'b')) => '\u{8}',
+                Some((_, 'f')) => '\u{c}',
+                Some((_, c @ ('"' | '\\' | '\''))) => c,
+                _ => return Err("a backslash that means nothing: \\\\ stands for one".into()),
+            }),
+            c => text.push(c),
+        }
+    }
+    Err("a quote without its end".into())
+}
+
 /// The words of a scene, file by file.
 pub struct Words<'a> {
     /// The files.
@@ -183,11 +205,9 @@ impl<'a> Words<'a> {
                     return Ok(Some((if first == '[' { Word::Open } else { Word::Close }, spot(1))));
                 }
                 '"' => {
-                    let Some(length) = rest[1..].find(['"', '\n']).filter(|n| rest.as_bytes()[n + 1] == b'"') else {
-                        return Err(self.sources.error(spot(1), "a quote without its end"));
-                    };
-                    let word = (Word::Quoted(rest[1..=length].to_string()), spot(length + 2));
-                    open.at += length + 2;
+                    let (text, length) = quote(&rest[1..]).map_err(|message| self.sources.error(spot(1), message))?;
+                    let word = (Word::Quoted(text), spot(length + 1));
+                    open.at += length + 1;
                     return Ok(Some(word));
                 }
                 _ => {

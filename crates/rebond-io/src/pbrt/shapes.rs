@@ -232,6 +232,13 @@ impl Importer<'_> {
         Ok(file)
     }
 
+    /// Width and height of an image.
+    pub fn size_of(&self, file: &str, at: Spot) -> Result<[u32; 2]> {
+        let image = self.assets.read(file).and_then(|b| crate::read_image(&b, file).map_err(|e| e.message));
+        let image = image.map_err(|m| self.error(at, format!("\"{file}\": {m}")))?;
+        Ok([image.width, image.height])
+    }
+
     /// A square that holds all directions, each with the same area (Clarberg 2008), as an equirectangular image: of rows enough that
     /// the edges of its texels, which are not interpolated in pbrt, stay sharp.
     pub fn sky(&mut self, file: &str, at: Spot) -> Result<Image> {

@@ -305,7 +305,15 @@ fn meshes_of_every_kind() {
         read_pbrt(&text, "a.pbrt", folder.path(), ImportOptions::default())
     };
     assert_eq!(MeshData::clone(&open("a.ply.gz").expect("a scene").files.meshes["mesh.ply"]), MeshData::cube());
-    assert!(open("bomb.ply.gz").expect_err("a bomb").message.contains("unpacks to more than 64 times its size"));
+    let bomb = "unpacks to more than 64 times its size";
+    assert!(open("bomb.ply.gz").expect_err("a bomb").message.contains(bomb));
+    // The scene itself may be packed.
+    pack("c.pbrt.gz", format!("{CAMERA}WorldBegin Shape \"sphere\"").as_bytes());
+    pack("bomb.pbrt.gz", &vec![b' '; 1 << 24]);
+    let open = |name: &str| SceneSource::open(&folder.path().join(name).display().to_string());
+    let scene = open("c.pbrt.gz").unwrap_or_else(|e| panic!("{}", e.snippet()));
+    assert_eq!((scene.name.as_str(), scene.description.shapes.len()), ("c", 1));
+    assert!(open("bomb.pbrt.gz").expect_err("a bomb").message.contains(bomb));
 }
 
 #[test]
@@ -403,6 +411,20 @@ fn what_says_nothing_is_accepted() {
     let film = |more: &str| strict(&format!("\u{feff}Film \"rgb\" {more} {CAMERA}WorldBegin"));
     let scene = film("\"float iso\" 100 \"float exposuretime\" 1 \"float cropwindow\" [0 1 0 1]");
     assert!(scene.unwrap_or_else(|e| panic!("{}", e.snippet())).warnings.is_empty());
+    let of = |more: &str| film(&format!("\"integer xresolution\" 60 \"integer yresolution\" 40 {more}"));
+    let scene = of("\"float cropwindow\" [0.25 0.5 0.51 2]").expect("a part").description;
+    assert_eq!((scene.film.width, scene.film.height), (15, 19), "from 20.4, so from 21, to 40");
+    for (wrong, message) in [
+        ("\"float cropwindow\" [0.5 0.5 0 1]", "nothing of the picture is left"),
+        ("\"integer pixelbounds\" [0 1 70 80]", "nothing of the picture is left"),
+        ("\"integer pixelbounds\" [0 1 70]", "a pixelbounds is four numbers"),
+        (
+            "\"integer pixelbounds\" [0 1 7 8] \"float cropwindow\" [0 1 0 1]",
+            "either pixelbounds or a cropwindow, not both",
+        ),
+    ] {
+        assert_eq!(of(wrong).expect_err(wrong).message, message);
+    }
     assert_eq!(film("\"float iso\" 200").expect_err("an exposure").message, "a film's iso");
     let mesh = r#"WorldBegin Shape "trianglemesh" "point3 P" [0 0 0 1 0 0 0 1 0] "vector3 S" [1 0 0 1 0 0 1 0 0]"#;
     assert_eq!(read(&format!("{CAMERA}{mesh}")).warnings.len(), 1);
@@ -433,6 +455,8 @@ fn mistakes_have_their_places() {
     );
     assert_eq!(fails("Translate 1 2"), say(24, "expected 3 numbers"));
     assert_eq!(fails("Material \"diffuse"), say(21, "a quote without its end"));
+    assert_eq!(fails("Material \"dif\\quse\""), say(21, "a backslash that means nothing: \\\\ stands for one"));
+    assert_eq!(fails("Shape \"a\\\"b\"").1, "the shape \"a\"b\" is not supported");
     assert_eq!(fails("AttributeEnd"), say(12, "AttributeEnd without a beginning"));
     assert_eq!(fails("AttributeBegin TransformEnd"), say(27, "TransformEnd, where what began last is AttributeBegin"));
     assert_eq!(fails("TransformBegin AttributeEnd").0, 27);

@@ -173,7 +173,7 @@ impl Camera {
                 Projection::ThinLens { focus, .. } => along + lens[i] * focus.recip(),
                 Projection::Orthographic { .. } => lens[i],
             };
-            (F::one() - at * extent[i].recip()) * (0.5 * self.size[i])
+            (F::one() - (at - self.center[i]) * extent[i].recip()) * (0.5 * self.size[i])
         })
     }
 
@@ -266,19 +266,20 @@ mod tests {
     use crate::testing::random_pairs;
     use glam::{DAffine3, DMat3, DVec3};
 
-    /// Cameras in a space that is turned, moved, stretched and sheared.
-    fn cameras() -> [Camera; 3] {
+    /// Cameras in a space that is turned, moved, stretched and sheared; of pictures on the axis and off it.
+    fn cameras() -> Vec<Camera> {
         let matrix = DAffine3::from_mat3_translation(
             DMat3::from_cols(DVec3::new(1.2, 0.1, 0.3), DVec3::new(-0.2, 0.9, 0.1), DVec3::new(0.4, 0.2, 1.5)),
             DVec3::new(0.5, -2.0, 1.0),
         );
         let extent = [0.6, 0.3];
-        [
+        let projections = [
             Projection::Perspective { extent },
             Projection::ThinLens { extent, aperture: Aperture::polygon(0.4, 5, 0.3), focus: 3.0 },
             Projection::Orthographic { extent },
-        ]
-        .map(|p| Camera::new(p, &[(0.0, matrix)], [0.0, 0.0], [20, 10]))
+        ];
+        let camera = |p| Camera::new(p, &[(0.0, matrix)], [0.0, 0.0], [20, 10]);
+        projections.into_iter().flat_map(|p| [camera(p), camera(p).with_center([0.5, -0.8])]).collect()
     }
 
     fn close(a: f32, b: f32, what: &str) {

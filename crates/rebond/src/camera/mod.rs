@@ -42,6 +42,8 @@ pub struct Camera {
     motion: Vec<(f32, [Vec3<f32>; 4])>,
     shutter: [f32; 2],
     size: [f32; 2],
+    /// The picture's centre, in its plane.
+    center: [f32; 2],
     near_clip: f32,
 }
 
@@ -64,12 +66,17 @@ impl Camera {
             [v(m.matrix3.x_axis), v(m.matrix3.y_axis), v(m.matrix3.z_axis), v(m.translation)]
         };
         let motion = motion.iter().map(|(t, m)| (*t, columns(m))).collect();
-        Self { projection, motion, shutter, size: size.map(|x| x as f32), near_clip: 0.0 }
+        Self { projection, motion, shutter, size: size.map(|x| x as f32), center: [0.0; 2], near_clip: 0.0 }
     }
 
     /// The same camera that sees nothing nearer than this along its axis; of no effect if it is orthographic.
     pub fn with_near_clip(self, near_clip: f32) -> Self {
         Self { near_clip, ..self }
+    }
+
+    /// The same camera whose picture is centred there, x and y in the plane of its extents, and not on the axis.
+    pub fn with_center(self, center: [f32; 2]) -> Self {
+        Self { center, ..self }
     }
 
     /// Width and height of the picture, in pixels.
@@ -102,14 +109,17 @@ impl Camera {
         let x = F::one() - raster[0] * (2.0 / self.size[0]);
         let y = F::one() - raster[1] * (2.0 / self.size[1]);
         let world = |v: Vec3<F>| x_axis.mul_add(v.x, y_axis.mul_add(v.y, z_axis * v.z));
+        let within = |[w, h]: [f32; 2]| [x * w + self.center[0], y * h + self.center[1]];
         match self.projection {
             Projection::Perspective { extent } => {
-                let d = vec3(x * extent[0], y * extent[1], F::one());
+                let [x, y] = within(extent);
+                let d = vec3(x, y, F::one());
                 let d = world(d);
                 CameraRay { o: d.mul_add(F::splat(self.near_clip), origin), d: d.normalized(), time }
             }
             Projection::ThinLens { extent, aperture, focus } => {
-                let in_focus = vec3(x * (extent[0] * focus), y * (extent[1] * focus), F::splat(focus));
+                let [x, y] = within(extent).map(|x| x * focus);
+                let in_focus = vec3(x, y, F::splat(focus));
                 let [lx, ly] = aperture.sample(lens);
                 let o = vec3(lx, ly, F::zero());
                 let d = world(in_focus - o);
@@ -117,7 +127,8 @@ impl Camera {
                 CameraRay { o, d: d.normalized(), time }
             }
             Projection::Orthographic { extent } => {
-                let o = vec3(x * extent[0], y * extent[1], F::zero());
+                let [x, y] = within(extent);
+                let o = vec3(x, y, F::zero());
                 CameraRay { o: world(o) + origin, d: z_axis.normalized(), time }
             }
         }

@@ -5,12 +5,13 @@
 //! | surfaces | uniform by area, 1/A; on a sphere mostly from its cap, if it has one | cosθ/π to the side of the normal |
 //! | point | – | uniform over the sphere, 1/4π |
 //! | spot | – | uniform over its cone |
+//! | projector | – | as its image's `sample` draws it |
 //! | directional | uniform over a disk across the beam, as large as the scene, 1/πR² | – |
 //! | environment | the same | as [`Environment::sample`](super::Environment::sample) draws it |
 //!
 //! What starts infinitely far starts from the disk that touches the sphere around the scene.
 
-use super::{Emitters, KINDS, Kind, POINT_ERROR, point_of_sphere};
+use super::{Emitters, KINDS, Kind, POINT_ERROR, UNHITTABLE, point_of_sphere};
 use crate::math::{Frame, Rgb, Vec3, offset_from_surface};
 use crate::sampling::warp::{
     cosine_hemisphere, cosine_hemisphere_pdf, uniform_cone, uniform_cone_pdf, uniform_disk, uniform_sphere,
@@ -144,7 +145,7 @@ impl Emitters {
     /// Lanes whose emitter a ray can find.
     #[inline(always)]
     pub fn is_hittable<F: Real>(&self, emitter: F::Index) -> F::Mask {
-        !self.are::<F>(emitter, &[Kind::Point, Kind::Spot, Kind::Directional])
+        !self.are::<F>(emitter, &UNHITTABLE)
     }
 
     /// Density per area of the disk that infinite emitters shine from.
@@ -198,6 +199,7 @@ impl Emitters {
                         (self.place(emitter, time), Frame::around(self.axis(emitter, time)).to_world(local));
                     Emission::of_point(place, d, value * falloff, uniform_cone_pdf(one_minus_cos))
                 }
+                Kind::Projector => self.project(emitter, time, direction, lanes),
                 Kind::Directional => {
                     let d = -Vec3::of_record(self.record::<F>(emitter, 1));
                     self.beam(d, position, value, PdfSolidAngle(F::one()))
@@ -211,6 +213,22 @@ impl Emitters {
         });
         if let Some(glow) = &self.glow {
             emission.weight *= glow.at(emitter, &self.flat(emitter, time), emission.o, mask);
+        }
+        emission
+    }
+
+    /// A ray through the image of a projector.
+    #[inline(never)]
+    fn project<F: Real>(&self, emitter: F::Index, time: F, u: [F; 2], mask: F::Mask) -> Emission<F> {
+        let (place, mut emission) = (self.place(emitter, time), Emission::none());
+        for (number, image) in &self.projectors {
+            let lanes = mask & emitter.eq(F::Index::splat(*number));
+            if lanes.any() {
+                let (d, pdf, intensity) = image.sample(u);
+                let mut drawn = Emission::of_point(place, d, intensity, pdf);
+                drawn.weight = drawn.weight.masked(pdf.0.gt(F::zero()));
+                emission = Emission::select(lanes, drawn, emission);
+            }
         }
         emission
     }
@@ -256,6 +274,12 @@ impl Emitters {
                     let cone = uniform_cone_pdf(one_minus_cos(cutoff));
                     EmissionPdf::new(F::one(), F::select(within, cone.0, F::zero()))
                 }
+                Kind::Projector => {
+                    let direction = self.projectors.iter().fold(F::zero(), |found, (number, image)| {
+                        F::select(emitter.eq(F::Index::splat(*number)), image.eval(d).1.0, found)
+                    });
+                    EmissionPdf::new(F::one(), direction)
+                }
                 Kind::Directional => EmissionPdf { position: self.disk_pdf(), direction: PdfSolidAngle(F::one()) },
                 Kind::Environment => {
                     let direction = self.environments.iter().fold(F::zero(), |found, (number, environment)| {
@@ -280,8 +304,9 @@ fn one_minus_cos<F: Real>(angle: F) -> F {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::emitter::{Emitter, Environment, EnvironmentImage};
+    use crate::emitter::{Emitter, Environment, EnvironmentImage, IntensityImage, Slide, Window};
     use crate::testing::{SIGNIFICANCE, chi2_directions, chi2_square, seeded_pairs, t_test_p_value};
+    use crate::texture::{TextureFilter, Wrap};
     use glam::Vec3 as V;
     use rebond_lanes::{F32x16, scalar::Index1};
 
@@ -310,7 +335,17 @@ mod tests {
             spot(89.0, 90.0),
             Emitter::Directional { direction: normal, irradiance: RADIANCE },
             Emitter::Environment { number: 0, mean: [0.4; 3] },
+            Emitter::Projector { number: 0, position: V::ONE, cone: slide().cone(), power: slide().power() },
         ]
+    }
+
+    /// A plane that is lit as an image says.
+    fn slide() -> IntensityImage {
+        let texels: Vec<[f32; 3]> = (0..12).map(|i| [0.1 + (i * 5 % 7) as f32; 3]).collect();
+        let frame = [[0.0, 0.6, 0.8], [1.0, 0.0, 0.0], [0.0, 0.8, -0.6]];
+        let window = Window { extent: [0.8, 1.1], frame, even: true, beam: None };
+        let slide = Slide::new(window, [4, 3], &texels, TextureFilter::Bilinear, Wrap::Clamp);
+        IntensityImage::Slide(Box::new(slide.expect("light")))
     }
 
     fn table() -> Emitters {
@@ -318,7 +353,8 @@ mod tests {
         let frame = [[0.0, 0.6, 0.8], [1.0, 0.0, 0.0], [0.0, 0.8, -0.6]];
         let image = EnvironmentImage::new([8, 4], &texels, frame).expect("light");
         let environment = Environment::Image(Box::new(image));
-        Emitters::new(&emitters(), vec![environment]).around([0.5, -0.5, 0.25], RADIUS)
+        let table = Emitters::new(&emitters(), vec![environment]).projecting(&emitters(), vec![slide()]);
+        table.around([0.5, -0.5, 0.25], RADIUS)
     }
 
     fn emit(table: &Emitters, emitter: u32, position: [f32; 2], direction: [f32; 2]) -> Emission<f32> {
@@ -329,7 +365,7 @@ mod tests {
     #[test]
     fn directions_follow_their_densities() {
         let table = table();
-        for emitter in [0, 1, 2, 3, 4, 5, 6, 7, 9] {
+        for emitter in [0, 1, 2, 3, 4, 5, 6, 7, 9, 10] {
             // One position, so that there is one normal.
             let normal = emit(&table, emitter, [0.3, 0.6], [0.5; 2]).normal;
             let frame = Frame::around(if normal.length() > 0.0 { normal } else { Vec3::splat([0.0, 0.0, 1.0]) });
@@ -410,7 +446,7 @@ mod tests {
         assert!(often > 7_500, "{often}");
     }
 
-    /// The mean weight is the emitter's power; that of surfaces, points and beams does not vary.
+    /// The mean weight is the emitter's power; that of surfaces, points, beams and grey slides before a plane does not vary.
     #[test]
     fn weights_are_power() {
         let table = table();
@@ -508,7 +544,7 @@ mod tests {
         for seed in 0..20 {
             let (u, v): (Vec<_>, Vec<_>) = (seeded_pairs(16, seed).collect(), seeded_pairs(16, seed + 50).collect());
             let numbers =
-                (0..16).fold(<F32x16 as Real>::Index::splat(0), |n, i| n.with_lane(i, (i as u32 * 7 + 3) % 10));
+                (0..16).fold(<F32x16 as Real>::Index::splat(0), |n, i| n.with_lane(i, (i as u32 * 7 + 3) % 11));
             let all = Mask::splat(true);
             let wide = table.emit(numbers, F32x16::zero(), [of(&u, 0), of(&u, 1)], [of(&v, 0), of(&v, 1)], all);
             let again = table.emission_pdf(numbers, F32x16::zero(), wide.normal, wide.d, all);

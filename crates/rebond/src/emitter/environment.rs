@@ -68,6 +68,16 @@ impl EnvironmentImage {
         Some(Self { size, corners, scale: (1.0 / integral) as f32, grid, frame, mean })
     }
 
+    /// Mean over all directions.
+    pub(super) fn mean(&self) -> [f32; 3] {
+        self.mean
+    }
+
+    /// Bytes held.
+    pub(super) fn bytes(&self) -> usize {
+        self.corners.len() * size_of::<Record>() + self.grid.bytes()
+    }
+
     pub(super) fn frame<F: Real>(&self) -> Frame<F> {
         let [s, t, n] = self.frame.map(Vec3::splat);
         Frame { s, t, n }
@@ -83,7 +93,7 @@ impl EnvironmentImage {
 
     /// A direction, its density, and the radiance that arrives against it.
     #[inline(always)]
-    fn sample<F: Real>(&self, u: [F; 2]) -> (Vec3<F>, PdfSolidAngle<F>, Rgb<F>) {
+    pub(super) fn sample<F: Real>(&self, u: [F; 2]) -> (Vec3<F>, PdfSolidAngle<F>, Rgb<F>) {
         let (width, height) = (self.size[0], self.size[1]);
         let cell = self.grid.sample(u);
         let corners = self.cell(cell.x, cell.y);
@@ -130,7 +140,7 @@ impl EnvironmentImage {
 
 /// Radiance and weight at a place of a cell.
 #[inline(always)]
-fn between<F: Real>([a, b, c, d]: &[[F; 4]; 4], across: F, down: F) -> (Rgb<F>, F) {
+pub(super) fn between<F: Real>([a, b, c, d]: &[[F; 4]; 4], across: F, down: F) -> (Rgb<F>, F) {
     let at = |k: usize| {
         let (left, right) = (a[k] + (c[k] - a[k]) * down, b[k] + (d[k] - b[k]) * down);
         left + (right - left) * across
@@ -169,7 +179,7 @@ impl Environment {
     pub fn bytes(&self) -> usize {
         match self {
             Self::Constant(_) => 0,
-            Self::Image(image) => image.corners.len() * size_of::<Record>() + image.grid.bytes(),
+            Self::Image(image) => image.bytes(),
         }
     }
 }

@@ -85,6 +85,10 @@ impl Light {
                 let ramp = if outer > inner { (inner.sin() - outer.sin()) / (outer - inner) } else { -outer.cos() };
                 ([position; 4], 0.0, axis, [inner, (outer - inner).min(FRAC_PI_2)], 2.0 * PI * (1.0 + ramp))
             }
+            Emitter::Projector { position, cone: (axis, angle), .. } => {
+                // As if it shone alike into all of its cone.
+                ([position; 4], 0.0, axis, [angle, 0.0], 2.0 * PI * (1.0 - angle.cos()).max(1e-6))
+            }
             Emitter::Directional { .. } | Emitter::Environment { .. } => return None,
         };
         // Along the normal or axis. The bounds keep what is weakest well within f32.

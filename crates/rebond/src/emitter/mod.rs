@@ -10,11 +10,13 @@ mod glow;
 mod light_list;
 mod light_sampler;
 mod light_tree;
+mod projector;
 
 pub use emission::{Emission, EmissionPdf};
 pub use environment::{Environment, EnvironmentImage};
 pub use glow::{Glow, Picture};
 pub use light_sampler::{LightChoice, LightSampler};
+pub use projector::{IntensityImage, Slide, Window};
 
 use crate::math::{Frame, Keyframes, LUMINANCE, Matrix, Rgb, Vec3};
 use crate::sampling::warp::{uniform_cone, uniform_cone_pdf, uniform_disk, uniform_sphere, uniform_triangle};
@@ -99,6 +101,17 @@ pub enum Emitter {
         /// Intensity on the axis.
         intensity: [f32; 3],
     },
+    /// A point that shines through the image of this number in [`Emitters::projecting`].
+    Projector {
+        /// Which.
+        number: u32,
+        /// Where.
+        position: V,
+        /// Unit axis and half-angle of a cone that holds all of its light.
+        cone: (V, f32),
+        /// Power.
+        power: [f32; 3],
+    },
     /// Parallel light.
     Directional {
         /// Unit direction it goes.
@@ -124,20 +137,25 @@ enum Kind {
     Disk,
     Point,
     Spot,
+    Projector,
     Directional,
     Environment,
 }
 
-const KINDS: [Kind; 8] = [
+const KINDS: [Kind; 9] = [
     Kind::Triangle,
     Kind::Parallelogram,
     Kind::Sphere,
     Kind::Disk,
     Kind::Point,
     Kind::Spot,
+    Kind::Projector,
     Kind::Directional,
     Kind::Environment,
 ];
+
+/// Points and beams.
+const UNHITTABLE: [Kind; 4] = [Kind::Point, Kind::Spot, Kind::Projector, Kind::Directional];
 
 const RECORDS: u32 = 5;
 
@@ -163,6 +181,7 @@ impl Emitter {
                 let ramp = if outer > inner { (inner.sin() - outer.sin()) / (outer - inner) } else { -outer.cos() };
                 (intensity, 2.0 * PI * (1.0 + ramp))
             }
+            Self::Projector { power, .. } => (power, 1.0),
             Self::Directional { irradiance, .. } => (irradiance, disk),
             Self::Environment { mean, .. } => (mean, 4.0 * PI * disk),
         };
@@ -188,7 +207,7 @@ impl Emitter {
             Self::Parallelogram { p: [p, a, b], .. } => (vec![p, p + a, p + b, p + a + b], 0.0),
             Self::Sphere { center, radius, .. } | Self::Disk { center, radius, .. } => (vec![center], radius),
             Self::Point { position, .. } | Self::Spot { position, .. } => (vec![position], 0.0),
-            Self::Directional { .. } | Self::Environment { .. } => return *self,
+            Self::Projector { .. } | Self::Directional { .. } | Self::Environment { .. } => return *self,
         };
         let (mut lo, mut hi) = (V::INFINITY, V::NEG_INFINITY);
         for (_, rows) in motion {
@@ -286,6 +305,9 @@ impl Emitter {
                     with(axis, 0.0),
                 ]
             }
+            Self::Projector { position, .. } => {
+                [word([0.0; 3], Kind::Projector), with(position, 0.0), none, none, none]
+            }
             Self::Directional { direction, irradiance } => {
                 [word(irradiance, Kind::Directional), with(-direction, 0.0), none, none, none]
             }
@@ -308,6 +330,8 @@ pub struct Emitters {
     capped: bool,
     /// The surroundings, each with its emitter's number.
     pub environments: Vec<(u32, Environment)>,
+    /// The images that points shine through, each with its emitter's number.
+    projectors: Vec<(u32, IntensityImage)>,
     /// Centre and radius of what infinite emitters shine on.
     sphere: ([f32; 3], f32),
     /// Images of those that show some.
@@ -415,7 +439,15 @@ impl Emitters {
         let present = (0..emitters.len()).fold(0, |bits, i| bits | 1 << kind(i));
         let numbers = (0..emitters.len()).filter(|i| kind(*i) == Kind::Environment as u32).map(|i| i as u32);
         let environments = numbers.zip(environments).collect();
-        Self { table, present, motions: None, capped: false, environments, sphere: ([0.0; 3], 1.0), glow: None }
+        let (sphere, projectors) = (([0.0; 3], 1.0), Vec::new());
+        Self { table, present, motions: None, capped: false, environments, projectors, sphere, glow: None }
+    }
+
+    /// The same emitters, with the images of those that are projectors.
+    pub fn projecting(mut self, emitters: &[Emitter], images: Vec<IntensityImage>) -> Self {
+        let numbers = emitters.iter().zip(0..).filter(|(e, _)| matches!(e, Emitter::Projector { .. })).map(|(_, i)| i);
+        self.projectors = numbers.zip(images).collect();
+        self
     }
 
     /// The same emitters, some of which show images. Before they move.
@@ -477,7 +509,8 @@ impl Emitters {
 
     /// Bytes that their images hold.
     pub(crate) fn image_bytes(&self) -> usize {
-        self.glow.as_ref().map_or(0, |glow| glow.bytes())
+        let projectors = self.projectors.iter().map(|(_, image)| image.bytes()).sum::<usize>();
+        self.glow.as_ref().map_or(0, |glow| glow.bytes()) + projectors
     }
 
     /// How many there are.
@@ -502,7 +535,7 @@ impl Emitters {
 
     /// Whether some are points or beams, which no ray meets.
     pub fn has_unhittable(&self) -> bool {
-        [Kind::Point, Kind::Spot, Kind::Directional].iter().any(|k| self.present >> *k as u32 & 1 == 1)
+        UNHITTABLE.iter().any(|k| self.present >> *k as u32 & 1 == 1)
     }
 
     /// The area of an emitter; none if it is no surface.
@@ -632,6 +665,7 @@ impl Emitters {
                 Kind::Sphere => self.sample_sphere(emitter, p, time, value, u),
                 Kind::Point => self.sample_point(emitter, p, time, value),
                 Kind::Spot => self.sample_spot(emitter, p, time, value),
+                Kind::Projector => self.sample_projector(emitter, p, time, lanes),
                 Kind::Directional => EmitterSample {
                     wi: Vec3::of_record(self.record(emitter, 1)),
                     weight: value,
@@ -773,6 +807,20 @@ impl Emitters {
         let [cutoff, ramp, ..] = self.record::<F>(emitter, 2);
         let angle = math::acos(-sample.wi.dot(self.axis(emitter, time)));
         sample.weight = sample.weight * ((cutoff - angle) * ramp).clamp(0.0, 1.0);
+        sample
+    }
+
+    #[inline(never)]
+    fn sample_projector<F: Real>(&self, emitter: F::Index, p: Vec3<F>, time: F, mask: F::Mask) -> EmitterSample<F> {
+        let mut sample = self.sample_point(emitter, p, time, Rgb::white());
+        let mut intensity = Rgb::black();
+        for (number, image) in &self.projectors {
+            let lanes = mask & emitter.eq(F::Index::splat(*number));
+            if lanes.any() {
+                intensity = Rgb::select(lanes, image.eval(-sample.wi).0, intensity);
+            }
+        }
+        sample.weight *= intensity;
         sample
     }
 

@@ -21,11 +21,14 @@ pub enum FilterSettings {
         #[serde(default = "one")]
         radius: f32,
     },
-    /// A Gaussian, shifted to vanish at four standard deviations.
+    /// A Gaussian, shifted to vanish at its radius.
     Gaussian {
         /// Standard deviation in pixels.
         #[serde(default = "half")]
         stddev: f32,
+        /// Half-width in pixels; four standard deviations if not given.
+        #[serde(default)]
+        radius: Option<f32>,
     },
     /// Mitchell and Netravali's cubic (1988).
     Mitchell {
@@ -59,7 +62,7 @@ fn three_halves() -> f32 {
 
 impl Default for FilterSettings {
     fn default() -> Self {
-        Self::Gaussian { stddev: 0.5 }
+        Self::Gaussian { stddev: 0.5, radius: None }
     }
 }
 
@@ -68,7 +71,7 @@ impl FilterSettings {
     pub fn radius(&self) -> f32 {
         match *self {
             Self::Box { radius } | Self::Tent { radius } | Self::BlackmanHarris { radius } => radius,
-            Self::Gaussian { stddev } => 4.0 * stddev,
+            Self::Gaussian { stddev, radius } => radius.unwrap_or(4.0 * stddev),
             Self::Mitchell { .. } => 2.0,
         }
     }
@@ -83,7 +86,7 @@ impl FilterSettings {
         match *self {
             Self::Box { .. } => 1.0,
             Self::Tent { .. } => 1.0 - x / radius,
-            Self::Gaussian { stddev } => {
+            Self::Gaussian { stddev, .. } => {
                 let bell = |x: f64| (-0.5 * (x / f64::from(stddev)).powi(2)).exp();
                 bell(x) - bell(radius)
             }
@@ -276,7 +279,8 @@ mod tests {
         let filters = [
             FilterSettings::Box { radius: 0.5 },
             FilterSettings::Tent { radius: 1.0 },
-            FilterSettings::Gaussian { stddev: 0.5 },
+            FilterSettings::Gaussian { stddev: 0.5, radius: None },
+            FilterSettings::Gaussian { stddev: 0.5, radius: Some(0.8) },
             FilterSettings::Mitchell { b: 1.0 / 3.0, c: 1.0 / 3.0 },
             FilterSettings::BlackmanHarris { radius: 1.5 },
         ];
@@ -321,7 +325,8 @@ mod tests {
             FilterSettings::Box { radius: 0.5 },
             FilterSettings::Box { radius: 0.8 },
             FilterSettings::Tent { radius: 1.0 },
-            FilterSettings::Gaussian { stddev: 0.5 },
+            FilterSettings::Gaussian { stddev: 0.5, radius: None },
+            FilterSettings::Gaussian { stddev: 0.5, radius: Some(0.8) },
             FilterSettings::Mitchell { b: 1.0 / 3.0, c: 1.0 / 3.0 },
             FilterSettings::BlackmanHarris { radius: 1.5 },
         ] {

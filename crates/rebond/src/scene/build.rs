@@ -17,7 +17,8 @@ use crate::bsdf::measured::{Measured, Tables};
 use crate::bsdf::{Bsdf, Lobe, Model, PARAMETERS, SMOOTH, check};
 use crate::camera::{Aperture, Camera, FEWEST_BLADES, MOST_BLADES, Projection};
 use crate::emitter::{
-    Emitter, Emitters, Environment, EnvironmentImage, Glow, Keyframe, LightSampler, NO_EMITTER, Picture, area_vector,
+    Emitter, Emitters, Environment, EnvironmentImage, Glow, IntensityImage, Keyframe, LightSampler, NO_EMITTER,
+    Picture, Slide, Window, area_vector,
 };
 use crate::film::{Filter, FilterSettings, Image, LARGEST_SAMPLE};
 use crate::math::{Frame, Keyframes, LUMINANCE, Rgb};
@@ -136,6 +137,11 @@ fn filter(settings: FilterSettings) -> Result<Filter> {
         && !(b.is_finite() && c.is_finite() && (0.0..=1.0).contains(&b) && (0.0..=1.0).contains(&c))
     {
         return Err(BuildError::new("film.filter", "B and C of the Mitchell filter lie within [0, 1]"));
+    }
+    if let FilterSettings::Gaussian { stddev, .. } = settings
+        && !(stddev > 0.0 && radius <= 16.0 * stddev)
+    {
+        return Err(BuildError::new("film.filter", "a Gaussian ends within 16 standard deviations, which are above 0"));
     }
     Ok(Filter::new(settings))
 }
@@ -265,21 +271,28 @@ fn camera(description: &CameraDescription, size: [u32; 2]) -> Result<Camera> {
         Orthographic { .. } => 0.0,
     };
     let near = number("camera.near_clip", near, 0.0..=f32::MAX, "distance in front of the camera")?;
+    let offset = match description {
+        Perspective { principal_point_offset, .. } | ThinLens { principal_point_offset, .. } => *principal_point_offset,
+        Orthographic { .. } => [0.0; 2],
+    };
+    for x in offset {
+        number("camera.principal_point_offset", x, -1e6..=1e6, "offset of a picture")?;
+    }
     let (projection, to_world, shutter) = match description {
-        Perspective { to_world, fov, fov_axis, shutter_open, shutter_close, near_clip: _ } => {
+        Perspective { to_world, fov, fov_axis, shutter_open, shutter_close, .. } => {
             (Projection::Perspective { extent: extent(*fov, *fov_axis)? }, to_world, [*shutter_open, *shutter_close])
         }
         ThinLens {
             to_world,
             fov,
             fov_axis,
-            near_clip: _,
             aperture_radius,
             aperture_blades,
             aperture_rotation,
             focus_distance,
             shutter_open,
             shutter_close,
+            ..
         } => {
             let aperture = aperture(*aperture_radius, *aperture_blades, *aperture_rotation)?;
             let focus = number(
@@ -301,7 +314,11 @@ fn camera(description: &CameraDescription, size: [u32; 2]) -> Result<Camera> {
     if !(shutter[0].is_finite() && shutter[1].is_finite() && shutter[0] <= shutter[1]) {
         return Err(BuildError::new("camera.shutter_close", "the shutter closes before it opens"));
     }
-    Ok(Camera::new(projection, &to_world.motion("camera.to_world")?.0, shutter, size).with_near_clip(near))
+    let camera = Camera::new(projection, &to_world.motion("camera.to_world")?.0, shutter, size);
+    let (Projection::Perspective { extent }
+    | Projection::ThinLens { extent, .. }
+    | Projection::Orthographic { extent }) = projection;
+    Ok(camera.with_center([0, 1].map(|i| -2.0 * offset[i] * extent[i])).with_near_clip(near))
 }
 
 fn aperture(radius: f32, blades: u32, rotation: f32) -> Result<Aperture> {
@@ -356,6 +373,8 @@ struct Builder<'a> {
     /// Emitters that move, before they do.
     moving: Vec<(Range<u32>, Vec<Keyframe>)>,
     environments: Vec<Environment>,
+    /// Images of projectors.
+    projectors: Vec<IntensityImage>,
     /// Shapes that need an instance of their own: moving ones, and round ones that are stretched.
     apart: Vec<(Part, Motion, String)>,
     names: Names,
@@ -408,6 +427,7 @@ impl<'a> Builder<'a> {
             emitters: Vec::new(),
             moving: Vec::new(),
             environments: Vec::new(),
+            projectors: Vec::new(),
             apart: Vec::new(),
             names: Names::default(),
             warnings: Vec::new(),
@@ -1346,6 +1366,9 @@ impl<'a> Builder<'a> {
                         intensity: light(&at("intensity"), *intensity)?,
                     }
                 }
+                EmitterDescription::Projector { .. } | EmitterDescription::Goniometric { .. } => {
+                    self.projector(&path, emitter)?
+                }
                 EmitterDescription::Directional { direction, irradiance } => {
                     let direction = finite_point(&at("direction"), *direction)?.try_normalize();
                     let direction =
@@ -1385,24 +1408,10 @@ impl<'a> Builder<'a> {
         to_world: &super::description::Transform,
     ) -> Result<Environment> {
         let at = |key: &str| format!("{path}.{key}");
-        let m = to_world.matrix(&at("to_world"), "an environment")?.matrix3;
+        let (_, axes) = upright(&at("to_world"), to_world, "an environment")?;
         let scale = number(&at("scale"), scale, f32::MIN_POSITIVE..=f32::MAX, "factor on light")?;
-        let axes = [m.x_axis, m.y_axis, m.z_axis].map(|v| v.normalize());
-        if axes[0].dot(axes[1]).abs().max(axes[1].dot(axes[2]).abs()).max(axes[2].dot(axes[0]).abs()) > 1e-4 {
-            return Err(BuildError::new(at("to_world"), "an environment can be turned and mirrored, but not sheared"));
-        }
-        let (size, mut texels) = self.image(&at("file"), file, Encoding::Auto)?;
-        if texels.iter().flatten().any(|x| !(x.is_finite() && *x >= 0.0)) {
-            return Err(BuildError::new(at("file"), format!("\"{file}\" has texels that are negative or not finite")));
-        }
-        texels.iter_mut().flatten().for_each(|x| *x *= scale);
-        if texels.iter().flatten().any(|x| *x > BRIGHTEST) {
-            return Err(BuildError::new(
-                at("scale"),
-                format!("\"{file}\" times this is brighter than a film can hold, {BRIGHTEST:e}"),
-            ));
-        }
-        let image = EnvironmentImage::new(size, &texels, axes.map(|a| a.as_vec3().to_array()));
+        let (size, texels) = self.light_image(path, file, Encoding::Auto, ("scale", [scale; 3]))?;
+        let image = EnvironmentImage::new(size, &texels, axes);
         let image = match blur {
             None => image,
             Some(r) => {
@@ -1412,6 +1421,86 @@ impl<'a> Builder<'a> {
         };
         let image = image.ok_or_else(|| BuildError::new(at("file"), format!("\"{file}\" is black")))?;
         Ok(Environment::Image(Box::new(image)))
+    }
+
+    /// Texels of light, times a factor of that key.
+    fn light_image(
+        &self,
+        path: &str,
+        file: &str,
+        encoding: Encoding,
+        (key, factor): (&str, [f32; 3]),
+    ) -> Result<([u32; 2], Vec<[f32; 3]>)> {
+        let at = |key: &str| format!("{path}.{key}");
+        let (size, mut texels) = self.image(&at("file"), file, encoding)?;
+        if texels.iter().flatten().any(|x| !(x.is_finite() && *x >= 0.0)) {
+            return Err(BuildError::new(at("file"), format!("\"{file}\" has texels that are negative or not finite")));
+        }
+        texels.iter_mut().for_each(|t| (0..3).for_each(|c| t[c] *= factor[c]));
+        if texels.iter().flatten().any(|x| *x > BRIGHTEST) {
+            return Err(BuildError::new(
+                at(key),
+                format!("\"{file}\" times this is brighter than a film can hold, {BRIGHTEST:e}"),
+            ));
+        }
+        Ok((size, texels))
+    }
+
+    /// A point with an image.
+    fn projector(&mut self, path: &str, description: &EmitterDescription) -> Result<Emitter> {
+        let at = |key: &str| format!("{path}.{key}");
+        let black = |file: &str| BuildError::new(at("file"), format!("\"{file}\" is black"));
+        let (position, image) = match description {
+            EmitterDescription::Projector {
+                to_world,
+                file,
+                encoding,
+                filter,
+                wrap,
+                fov,
+                aspect,
+                intensity,
+                even,
+                cutoff_angle,
+                beam_width,
+            } => {
+                let (position, frame) = upright(&at("to_world"), to_world, "a projector")?;
+                let intensity = light(&at("intensity"), *intensity)?;
+                let fov = number(&at("fov"), *fov, 1e-3..=179.0, "field of view of a projector")?;
+                let beam = match *cutoff_angle {
+                    None if beam_width.is_some() => {
+                        let error = BuildError::new(at("beam_width"), "a beam without a `cutoff_angle`");
+                        return Err(error.help("give both, or none"));
+                    }
+                    None => None,
+                    Some(none) => {
+                        let none = number(&at("cutoff_angle"), none, 1e-3..=180.0, "angle of a projector")?;
+                        let full = beam_width.unwrap_or(0.75 * none);
+                        let full = number(&at("beam_width"), full, 0.0..=none, "beam within the cutoff")?;
+                        Some([full, none].map(f32::to_radians))
+                    }
+                };
+                let (size, texels) = self.light_image(path, file, *encoding, ("intensity", intensity))?;
+                let half = (fov.to_radians() / 2.0).tan();
+                let aspect = aspect.unwrap_or(size[0] as f32 / size[1] as f32);
+                let extent = [half, half / number(&at("aspect"), aspect, 1e-3..=1e5, "width over height")?];
+                let window = Window { extent, frame, even: *even, beam };
+                let slide = Slide::new(window, size, &texels, *filter, *wrap).ok_or_else(|| black(file))?;
+                (position, IntensityImage::Slide(Box::new(slide)))
+            }
+            EmitterDescription::Goniometric { to_world, file, intensity } => {
+                let (position, frame) = upright(&at("to_world"), to_world, "a goniometric light")?;
+                let intensity = light(&at("intensity"), *intensity)?;
+                let (size, texels) = self.light_image(path, file, Encoding::Auto, ("intensity", intensity))?;
+                let image = EnvironmentImage::new(size, &texels, frame).ok_or_else(|| black(file))?;
+                (position, IntensityImage::Around(Box::new(image)))
+            }
+            _ => return Err(BuildError::new(path, "an emitter without an image")),
+        };
+        let number = self.projectors.len() as u32;
+        let emitter = Emitter::Projector { number, position, cone: image.cone(), power: image.power() };
+        self.projectors.push(image);
+        Ok(emitter)
     }
 
     // ---- the whole ----
@@ -1504,6 +1593,7 @@ impl<'a> Builder<'a> {
         let to_lens = |(at, reach): ([f32; 3], f32)| (Vec3::from(at) - center).length() + reach;
         let reach = camera.lens_bounds().into_iter().map(to_lens).fold(radius, f32::max);
         let emitters = Emitters::new(&self.emitters, self.environments);
+        let emitters = emitters.projecting(&self.emitters, self.projectors);
         let emitters = if let Some(glow) = glow { emitters.glowing(glow) } else { emitters };
         let emitters = emitters.moving(&self.moving);
         let emitters = emitters.around(center.to_array(), reach * 1.0001);
@@ -1540,6 +1630,20 @@ impl<'a> Builder<'a> {
         }
         Ok(scene)
     }
+}
+
+/// Place and axes of what is turned and mirrored, but not sheared.
+fn upright(path: &str, to_world: &super::description::Transform, what: &str) -> Result<(Vec3, [[f32; 3]; 3])> {
+    let m = to_world.matrix(path, what)?;
+    let axes = [m.matrix3.x_axis, m.matrix3.y_axis, m.matrix3.z_axis].map(|v| v.normalize());
+    let place = m.translation.as_vec3();
+    if !(place.is_finite() && axes.iter().all(|a| a.is_finite())) {
+        return Err(BuildError::new(path, "the transform flattens what it places, or is not finite"));
+    }
+    if axes[0].dot(axes[1]).abs().max(axes[1].dot(axes[2]).abs()).max(axes[2].dot(axes[0]).abs()) > 1e-4 {
+        return Err(BuildError::new(path, format!("{what} can be turned and mirrored, but not sheared")));
+    }
+    Ok((place, axes.map(|a| a.as_vec3().to_array())))
 }
 
 /// What a scene file has to do with an error of the accelerator.

@@ -89,6 +89,10 @@ pub enum CameraDescription {
         /// What `fov` measures.
         #[serde(default)]
         fov_axis: FovAxis,
+        /// How far the picture is moved, in its width to the right and its height downwards: what is on the axis is off its centre by as
+        /// much the other way.
+        #[serde(default)]
+        principal_point_offset: [f32; 2],
         /// Distance along the axis before which nothing is seen.
         #[serde(default)]
         near_clip: f32,
@@ -110,6 +114,10 @@ pub enum CameraDescription {
         /// What `fov` measures.
         #[serde(default)]
         fov_axis: FovAxis,
+        /// How far the picture is moved, in its width to the right and its height downwards: what is on the axis is off its centre by as
+        /// much the other way.
+        #[serde(default)]
+        principal_point_offset: [f32; 2],
         /// Distance along the axis before which nothing is seen.
         #[serde(default)]
         near_clip: f32,
@@ -154,6 +162,7 @@ impl Default for CameraDescription {
             to_world: Transform::default(),
             fov: default_fov(),
             fov_axis: FovAxis::X,
+            principal_point_offset: [0.0; 2],
             near_clip: 0.0,
             shutter_open: 0.0,
             shutter_close: 0.0,
@@ -831,6 +840,51 @@ pub enum EmitterDescription {
         #[serde(default)]
         beam_width: Option<f32>,
     },
+    /// A point that shines through an image, which stands across its local +z as a camera there would see it: its upper left corner is
+    /// towards +x and +y.
+    Projector {
+        /// Where it stands and points.
+        to_world: Transform,
+        /// File, relative to the scene's.
+        file: String,
+        /// Meaning of its numbers.
+        #[serde(default)]
+        encoding: Encoding,
+        /// Between texels.
+        #[serde(default)]
+        filter: TextureFilter,
+        /// What is interpolated with at the image's edges: themselves (`clamp`), or those on the other side (`repeat`).
+        #[serde(default = "clamp")]
+        wrap: Wrap,
+        /// Field of view across the image's width, degrees.
+        #[serde(default = "default_fov")]
+        fov: f32,
+        /// Width over height; that of the image if not given.
+        #[serde(default)]
+        aspect: Option<f32>,
+        /// Radiant intensity on the axis where the image is white, W·sr⁻¹.
+        intensity: Color,
+        /// Whether a wall that it faces receives what the image says: the intensity grows as 1/cos³ of the angle to the axis.
+        #[serde(default)]
+        even: bool,
+        /// Half-angle beyond which there is no light, degrees; as far as the image reaches if not given.
+        #[serde(default)]
+        cutoff_angle: Option<f32>,
+        /// Half-angle up to which that takes nothing; three quarters of it if not given.
+        #[serde(default)]
+        beam_width: Option<f32>,
+    },
+    /// A point whose intensity over directions is an image of everywhere: equirectangular, its centre towards local −z, its top towards
+    /// +y.
+    Goniometric {
+        /// Where it stands and how it is turned.
+        #[serde(default)]
+        to_world: Transform,
+        /// File, relative to the scene's.
+        file: String,
+        /// Radiant intensity where the image is white, W·sr⁻¹.
+        intensity: Color,
+    },
     /// Parallel light, from infinitely far.
     Directional {
         /// Where the light goes.
@@ -857,6 +911,10 @@ pub enum EmitterDescription {
         #[serde(default)]
         to_world: Transform,
     },
+}
+
+fn clamp() -> Wrap {
+    Wrap::Clamp
 }
 
 fn default_cutoff() -> f32 {

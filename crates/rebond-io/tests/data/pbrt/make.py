@@ -205,7 +205,9 @@ def main():
     pfm(HERE / "board.pfm", [[(0.8, 0.7, 0.2) if (x + y) % 2 else (0.1, 0.2, 0.3) for x in range(8)] for y in range(8)])
     sky = [[(0.1 + 0.3 * (x * 3 % 4), 0.2 + 0.2 * (y * 2 % 3), 0.3 + 0.25 * ((x + 2 * y) % 4)) for x in range(4)] for y in range(4)]
     pfm(HERE / "sky.pfm", sky)
-    pfm(HERE / "sky-by-angles.pfm", equirectangular(sky, 64, 800))
+    by_angles = equirectangular(sky, 64, 800)
+    pfm(HERE / "sky-by-angles.pfm", by_angles)
+    pfm(HERE / "grey-by-angles.pfm", [[(sum(texel) / 3,) * 3 for texel in row] for row in by_angles])
 
 
 if __name__ == "__main__":
