@@ -231,8 +231,11 @@ pub(crate) fn side(axis: FovAxis, [width, height]: [f64; 2]) -> f64 {
     }
 }
 
-/// The field of view of `length`, degrees, if that of `side` is this.
+/// The field of view of `length`, degrees, if that of `side` is this. What is none stays as it is, for the scene to refuse.
 pub(crate) fn field_of(length: f64, fov: f32, side: f64) -> f32 {
+    if !(fov > 0.0 && fov < 180.0) {
+        return fov;
+    }
     let half = (f64::from(fov).to_radians() / 2.0).tan() * length / side;
     (2.0 * half.atan()).to_degrees() as f32
 }

@@ -180,6 +180,9 @@ fn mistakes_say_so() {
     let text = "type = 'diffuse', reflectance = { image = 'a.png', scale = 2 }";
     let error = SceneSource::parse(&square(&format!("material = {{ {text} }}")), "a", "a", SceneFiles::BuiltIn);
     assert!(error.is_err_and(|e| e.message.contains("`scale` is for an `attribute`")));
+    let text = "type = 'diffuse', reflectance = { attribute = 'vertex_color', channel = 'g' }";
+    let error = SceneSource::parse(&square(&format!("material = {{ {text} }}")), "a", "a", SceneFiles::BuiltIn);
+    assert!(error.is_err_and(|e| e.message.contains("`channel` is for an `image`")));
     // Radiosity has one reflectance for a patch.
     let text = square(&format!("attributes.vertex_color = {CORNERS}\n{material}"));
     let scene = parse(&text).build().expect("a scene");

@@ -221,6 +221,11 @@ fn lights_are_of_mitsubas_units() {
 <transform name="to_world">{place}</transform></emitter>"#
     );
     near(mean(&format!("{wall}{projector}"), 4), [0.5, 0.5, 3.0]);
+    // Switched off, it is there all the same.
+    near(
+        mean(&format!("{wall}{}", projector.replace("name=\"scale\" value=\"4\"", "name=\"scale\" value=\"0\"")), 4),
+        [0.0; 3],
+    );
     let scaled = projector.replace("<lookat", "<scale value=\"3\"/><lookat");
     near(mean(&format!("{wall}{scaled}"), 4), [1.5, 1.5, 9.0]);
     // Off its picture there is nothing.
@@ -449,6 +454,10 @@ fn slides_that_cannot_be_had_are_refused() {
             "the cutoff_angle of a spot with a texture is between 0 and 89.5",
         ),
         (scene([2, 2], "<emitter type=\"projector\"/>"), "the irradiance is missing"),
+        (
+            scene([2, 2], "<emitter type=\"spot\"><transform name=\"to_world\"><scale y=\"2\"/></transform></emitter>"),
+            "a spot that is stretched or sheared",
+        ),
         (
             scene(
                 [2, 2],

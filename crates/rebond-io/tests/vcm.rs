@@ -123,16 +123,20 @@ fn shading_normals() {
 /// Same bits for any number of threads, and in parts.
 #[test]
 fn same_bits() {
-    let source = changed("cornell-spheres", &[("type = \"perspective\"", LENS)], [40, 24]);
-    let scene = source.build().expect("a good scene");
-    for text in ["vcm:radius=10", "vcm:mode=merging,radius=10", "vcm:mode=light"] {
+    let lens = changed("cornell-spheres", &[("type = \"perspective\"", LENS)], [40, 24]);
+    // Of more tiles than a band has.
+    let bands = small("cornell-spheres", [1, 16 * 1030]);
+    let modes = ["vcm:radius=10", "vcm:mode=merging,radius=10", "vcm:mode=light"];
+    for (source, text) in modes.map(|text| (&lens, text)).into_iter().chain([(&bands, "vcm:radius=10,max_depth=5")]) {
+        let scene = source.build().expect("a good scene");
+        let [width, height] = [source.description.film.width, source.description.film.height];
         let film = |first: u32, samples: u32, threads: usize| {
             let sampler = Sampler::new(SamplerSettings::default(), 1);
             let integrator = settings(text).integrator(&scene, sampler, Engine::default());
             let integrator = integrator.expect("settings that go together");
-            let mut film = Film::new(40, 24);
+            let mut film = Film::new(width, height);
             let budget = Budget { samples: Some(samples), ..Budget::default() };
-            render(&*integrator, &mut film, Region::whole(40, 24), first, &budget, threads, &());
+            render(&*integrator, &mut film, Region::whole(width, height), first, &budget, threads, &());
             film
         };
         let whole = film(0, 9, 1);

@@ -41,6 +41,10 @@ impl Importer {
                 let cutoff_angle = self.number_or(o, "cutoff_angle", 20.0)?;
                 let beam_width = self.number_or(o, "beam_width", 0.75 * f64::from(cutoff_angle))?;
                 let (intensity, beam_width) = (self.light(o, "intensity")?, Some(beam_width));
+                if !even(m) {
+                    self.unsupported(&o.at, "a spot that is stretched or sheared")?;
+                    return Ok(());
+                }
                 match self.slide(o, "texture")? {
                     None => EmitterDescription::Spot { to_world: steps(m), intensity, cutoff_angle, beam_width },
                     Some(_) if !(cutoff_angle > 0.0 && cutoff_angle < 89.5) => {

@@ -44,7 +44,7 @@ fn lambda<F: Real>(Ggx { ax, ay }: Ggx<F>, w: Vec3<F>) -> F {
     let (x, y) = (w.x * ax, w.y * ay);
     let a = (w.z.abs() / x.mul_add(x, y * y).sqrt()).min(F::splat(9.0));
     let t = a.mul_add(F::splat(0.327_591_1), F::one()).recip();
-    let polynomial = [-1.453_152_0, 1.421_413_7, -0.284_496_74, 0.254_829_6]
+    let polynomial = [-1.453_152, 1.421_413_7, -0.284_496_74, 0.254_829_6]
         .into_iter()
         .fold(F::splat(1.061_405_4), |sum, c| sum.mul_add(t, F::splat(c)));
     math::exp(-a * a) * ((a * (2.0 * PI.sqrt())).recip() - polynomial * t * 0.5)

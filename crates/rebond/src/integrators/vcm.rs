@@ -30,11 +30,11 @@
 //! | `light` | connections to the lens, of weight 1: light tracing |
 //!
 //! Pixels go in bands of up to 1024 tiles, each with the walks of its own pixels. A walk of light is connected to the eye's walk of its
-//! pixel, then forgotten but for its particles, some 100 bytes for each vertex of up to 2¹⁸ walks, whatever the size of the picture:
+//! pixel, then forgotten but for its particles, some 150 bytes for each vertex of up to 2¹⁸ walks, whatever the size of the picture:
 //! those are what the next band is merged with, or the first of the next sample, so that no walk is traced twice. A band that has none
 //! before, because rendering began with it, has the walks of that before traced for their particles alone; the very first one merges with
 //! its own. Expectations do not depend on which walks these are. What must be one is η, for weights to add up: it is that of the
-//! first of samples 2ʲ to 2ʲ⁺¹, which are weighed alike, though their radii shrink.
+//! first of samples 2ʲ to 2ʲ⁺¹, and of a band of mean size, though radii shrink and N may be another.
 
 use super::IntegratorError;
 use crate::bsdf::TransportMode;
@@ -170,6 +170,8 @@ struct Work<'a, F: Real> {
     /// The light's walks.
     light: Walk<'a, F>,
     particles: Vec<Particle>,
+    /// How many of light's walks were begun.
+    walks: u64,
     neighbours: Neighbours,
     ways: Ways<'a, F>,
     rays: Rays,
@@ -196,7 +198,7 @@ pub struct Vcm<'a> {
     max_depth: u32,
     ending: Ending,
     heuristic: Heuristic,
-    /// Walks from the light, and particles kept of them.
+    /// Walks traced from the light, repeated ones too, and particles that there were to merge with.
     emitted: AtomicU64,
     stored: AtomicU64,
 }
@@ -256,6 +258,7 @@ impl<'a> Vcm<'a> {
     /// particles.
     fn light_walk<F: Trace>(&self, samples: &Samples<F>, only: bool, work: &mut Work<'a, F>) {
         work.light.clear();
+        work.walks += u64::from(samples.mask.count());
         let (scene, camera, sampler, now) = (self.scene, self.scene.camera(), work.sampler, work.now);
         let to_lens = !only && (self.connects() || self.mode == VcmMode::Light);
         let dimensions = |number| light_dimensions::<F>(&sampler, samples.pixel, samples.index, number);
@@ -397,6 +400,7 @@ impl<'a> Vcm<'a> {
                 now,
                 light: Walk::default(),
                 particles: Vec::new(),
+                walks: 0,
                 neighbours: Neighbours::default(),
                 ways: Ways {
                     scene: self.scene,
@@ -418,6 +422,7 @@ impl<'a> Vcm<'a> {
                 let own = std::mem::take(&mut work.particles);
                 particles.lock().unwrap_or_else(|e| e.into_inner()).push((tiles.number(&tile), own));
             }
+            self.emitted.fetch_add(work.walks, Ordering::Relaxed);
             traced.lock().unwrap_or_else(|e| e.into_inner()).merge(&work.rays);
         });
         let mut all = traced.into_inner().unwrap_or_else(|e| e.into_inner());
@@ -508,9 +513,8 @@ impl Integrator for Vcm<'_> {
                     None => (iteration, band(0)),
                 };
                 let after = number + 1 < bands || (iteration + 1 < pass.samples.end && eta_of(iteration + 1) == eta);
-                let tiles = Tiles::new(film, &one, observer);
-                self.emitted.fetch_add(tiles.pixels(band(number)), Ordering::Relaxed);
-                let area = PI * radius * radius * tiles.pixels(before.1.clone()) as f32;
+                let walks = Tiles::new(film, &one, observer).pixels(before.1.clone());
+                let area = PI * radius * radius * walks as f32;
                 let keeps = self.merges() && after && !camera.has_shutter();
                 let now = Now { moment, radius, scale: area.recip(), eta, keeps };
                 let (step, to) = (Step { tiles: band(number), before }, (film, &one, observer));

@@ -27,7 +27,7 @@ use crate::texture::{Encoding, SAME_UV, Textures, UvMap};
 use glam::{DAffine3, DVec3, Vec3};
 use rebond_bvh::{Accel, BuildOptions, Disk, Geometry, Instance, Sphere};
 use rebond_lanes::{Record, scalar::Index1};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::ops::Range;
 
 type Result<T> = std::result::Result<T, BuildError>;
@@ -366,8 +366,8 @@ struct Builder<'a> {
     /// Whether a material that is being made asked for an attribute of it.
     asked: bool,
     textures: Textures,
-    /// Images of numbers, and theirs: roughness and metal are often one.
-    number_images: Vec<(ImageTexture, u32)>,
+    /// Images, and theirs: several materials often have one.
+    images: HashMap<String, u32>,
     varied: Varied,
     /// Images of lamps, their numbers and largest values, and which emitters show them, with the factor on them.
     glow: Textures,
@@ -424,7 +424,7 @@ impl<'a> Builder<'a> {
             worn: None,
             asked: false,
             textures: Textures::default(),
-            number_images: Vec::new(),
+            images: HashMap::new(),
             varied: Varied::default(),
             glow: Textures::default(),
             glow_images: Vec::new(),
@@ -578,6 +578,11 @@ impl<'a> Builder<'a> {
     /// The number of an image whose values lie within [0, 1].
     fn image_texture(&mut self, path: &str, texture: &ImageTexture, range: &str) -> Result<u32> {
         let ImageTexture { image: file, encoding, wrap, wrap_v, filter, .. } = texture;
+        // Materials that are made for each mesh share theirs.
+        let key = format!("{texture:?}");
+        if let Some(number) = self.images.get(&key) {
+            return Ok(*number);
+        }
         let path = format!("{path}.image");
         let (size, texels) = self.image(&path, file, *encoding)?;
         let (mut over, mut negative) = (0, 0);
@@ -591,7 +596,9 @@ impl<'a> Builder<'a> {
         }
         let map = uv_map(&path, texture)?;
         let texels = of_channel(texels, texture.channel);
-        Ok(self.textures.add(size, &texels, [*wrap, wrap_v.unwrap_or(*wrap)], *filter, map))
+        let number = self.textures.add(size, &texels, [*wrap, wrap_v.unwrap_or(*wrap)], *filter, map);
+        self.images.insert(key, number);
+        Ok(number)
     }
 
     /// A number in [0, 1]; or any, and the image that it is read from.
@@ -622,16 +629,7 @@ impl<'a> Builder<'a> {
             weights[channel as usize] = 1.0;
         }
         let image = ImageTexture { channel: None, ..image };
-        let known = self.number_images.iter().find(|(known, _)| *known == image).map(|(_, number)| *number);
-        let number = match known {
-            Some(number) => number,
-            None => {
-                let what = format!("a {what} lies within [0, 1]");
-                let number = self.image_texture(&format!("{path}.{key}"), &image, &what)?;
-                self.number_images.push((image, number));
-                number
-            }
-        };
+        let number = self.image_texture(&format!("{path}.{key}"), &image, &format!("a {what} lies within [0, 1]"))?;
         Ok((1.0, NumberFrom { source: number + 1, weights }))
     }
 
@@ -1480,6 +1478,9 @@ impl<'a> Builder<'a> {
             } => {
                 let (position, frame) = upright(&at("to_world"), to_world, "a projector")?;
                 let intensity = light(&at("intensity"), *intensity)?;
+                if intensity == [0.0; 3] {
+                    return Ok(dark(position));
+                }
                 let fov = number(&at("fov"), *fov, 1e-3..=179.0, "field of view of a projector")?;
                 let beam = match *cutoff_angle {
                     None if beam_width.is_some() => {
@@ -1505,6 +1506,9 @@ impl<'a> Builder<'a> {
             EmitterDescription::Goniometric { to_world, file, intensity } => {
                 let (position, frame) = upright(&at("to_world"), to_world, "a goniometric light")?;
                 let intensity = light(&at("intensity"), *intensity)?;
+                if intensity == [0.0; 3] {
+                    return Ok(dark(position));
+                }
                 let (size, texels) = self.light_image(path, file, Encoding::Auto, ("intensity", intensity))?;
                 let image = EnvironmentImage::new(size, &texels, frame).ok_or_else(|| black(file))?;
                 (position, IntensityImage::Around(Box::new(image)))
@@ -1658,6 +1662,11 @@ fn upright(path: &str, to_world: &super::description::Transform, what: &str) -> 
         return Err(BuildError::new(path, format!("{what} can be turned and mirrored, but not sheared")));
     }
     Ok((place, axes.map(|a| a.as_vec3().to_array())))
+}
+
+/// A light that is switched off.
+fn dark(position: Vec3) -> Emitter {
+    Emitter::Point { position, intensity: [0.0; 3] }
 }
 
 /// What a scene file has to do with an error of the accelerator.

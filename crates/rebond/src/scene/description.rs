@@ -253,15 +253,11 @@ pub enum Texture {
 #[serde(deny_unknown_fields)]
 struct TextureTable {
     image: Option<String>,
-    #[serde(default)]
-    encoding: Encoding,
-    #[serde(default)]
-    wrap: Wrap,
+    encoding: Option<Encoding>,
+    wrap: Option<Wrap>,
     wrap_v: Option<Wrap>,
-    #[serde(default)]
-    filter: TextureFilter,
-    #[serde(default = "one_by_one")]
-    repeat: [f32; 2],
+    filter: Option<TextureFilter>,
+    repeat: Option<[f32; 2]>,
     to_uv: Option<UvMap>,
     channel: Option<Channel>,
     attribute: Option<String>,
@@ -277,7 +273,28 @@ enum Varying {
 impl TextureTable {
     fn sorted<E: de::Error>(self) -> Result<Varying, E> {
         let Self { image, encoding, wrap, wrap_v, filter, repeat, to_uv, channel, attribute, scale } = self;
-        let image = image.map(|image| ImageTexture { image, encoding, wrap, wrap_v, filter, repeat, to_uv, channel });
+        let of_image = [
+            ("encoding", encoding.is_some()),
+            ("wrap", wrap.is_some()),
+            ("wrap_v", wrap_v.is_some()),
+            ("filter", filter.is_some()),
+            ("repeat", repeat.is_some()),
+            ("to_uv", to_uv.is_some()),
+            ("channel", channel.is_some()),
+        ];
+        if let (None, Some(_), Some((key, _))) = (&image, &attribute, of_image.iter().find(|(_, given)| *given)) {
+            return Err(E::custom(format!("`{key}` is for an `image`")));
+        }
+        let image = image.map(|image| ImageTexture {
+            image,
+            encoding: encoding.unwrap_or_default(),
+            wrap: wrap.unwrap_or_default(),
+            wrap_v,
+            filter: filter.unwrap_or_default(),
+            repeat: repeat.unwrap_or(one_by_one()),
+            to_uv,
+            channel,
+        });
         match (attribute, image, scale) {
             (Some(attribute), image, scale) => {
                 Ok(Varying::Attribute(AttributeTexture { attribute, scale: scale.unwrap_or(white_light()), image }))
