@@ -64,8 +64,9 @@ def speed(args):
         result[f"estimates_{nearest}"] = run["samples"] / (whole - fill)
     for name, integrator, spp in (
         ("progressive", "photon:progressive=true,photons=262144", 4),
-        ("vcm", "vcm", 4),
-        ("bidirectional", "bidirectional", 4),
+        ("vcm", "vcm", 16),
+        ("vcm of 8 segments", "vcm:max_depth=8", 16),
+        ("bidirectional", "bidirectional", 16),
     ):
         whole, run = seconds(integrator, "512x512", spp)
         result[name] = {"seconds_per_sample": whole / spp, "samples_per_second": run["samples"] / whole}
