@@ -6,8 +6,8 @@
 //! Λ(ω) = exp(−a²) / (2 a √π) − erfc(a) / 2        a = ωz / √((αx ωx)² + (αy ωy)²)
 //! ```
 //!
-//! It is drawn as GGX of the same roughness, whose D is 1 / (π αx αy cos⁴θ (1 + t)²): its tails are heavier, so that the factor between the
-//! two, exp(−t) (1 + t)², is 4/e at most. Seen from above the squares of weights come to 5/4 in the mean.
+//! It is drawn as GGX of the same roughness, whose D is 1 / (π αx αy cos⁴θ (1 + t)²): its tails are heavier, so that the
+//! factor between the two, exp(−t) (1 + t)², is 4/e at most. Seen from above the squares of weights come to 5/4 in the mean.
 
 use super::Lobe;
 use super::ggx::Ggx;

@@ -7,7 +7,7 @@
 
 mod albedo;
 mod ashikhmin_shirley;
-pub mod beckmann;
+mod beckmann;
 mod blinn_phong;
 pub mod capture;
 pub mod check;

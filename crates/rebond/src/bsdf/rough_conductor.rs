@@ -1,6 +1,7 @@
 //! GGX metal: `f_r = F D G₂ / (4 cosθi cosθo)` (Walter et al. 2007, eq. 20). `p[0..3]` is η, `p[3..6]` is k, `p[6]` and
-//! `p[7]` are αx and αy, `p[8]` is 1 for facets of [Beckmann's distribution](super::beckmann); `color` tints. What leaves a facet for another is lost: of white isotropic metal `1 − r0` as in
-//! [`albedo`](super::albedo), ln 2 at α = 1 from straight above.
+//! `p[7]` are αx and αy, `p[8]` is 1 for facets of [Beckmann's distribution](super::beckmann); `color` tints. What leaves
+//! a facet for another is lost: of white isotropic metal of GGX `1 − r0` as in [`albedo`](super::albedo), ln 2 at α = 1 from straight
+//! above.
 
 use super::ggx::Ggx;
 use super::{BsdfSample, BsdfValue, Lobe, beckmann, both_above, conductor, fresnel, reflect_about};

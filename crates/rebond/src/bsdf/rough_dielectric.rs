@@ -1,5 +1,6 @@
 //! GGX glass (Walter et al. 2007, eqs. 20 and 21). `p[0]` is the index of the inside over the outside, `p[6]` and `p[7]`
-//! are αx and αy, `p[8]` is 1 for facets of [Beckmann's distribution](super::beckmann); `color` tints. What leaves a facet for another is lost, on either side.
+//! are αx and αy, `p[8]` is 1 for facets of [Beckmann's distribution](super::beckmann); `color` tints.
+//! What leaves a facet for another is lost, on either side.
 
 use super::ggx::Ggx;
 use super::{BsdfSample, BsdfValue, Lobe, TransportMode, beckmann, fresnel, reflect_about};

@@ -168,8 +168,7 @@ impl<'a> Bidirectional<'a> {
             if alive.none() || path.segments >= self.max_depth {
                 return;
             }
-            work.light.arrive(&mut path, &hit, &u, alive);
-            let Some((vertex, before)) = work.light.split_last() else { return };
+            let (vertex, before) = work.light.arrive(&mut path, &hit, &u, alive);
             work.ways.connect_to_lens(before, vertex, [u.pair(LENS), u.pair(PIXEL)], time);
             alive = path.scatter(vertex, &u, &self.ending);
         }

@@ -31,9 +31,9 @@
 //!
 //! Pixels go in bands of up to 1024 tiles, each with the walks of its own pixels. A walk of light is connected to the eye's walk of its
 //! pixel, then forgotten but for its particles, some 150 bytes for each vertex of up to 2¹⁸ walks, whatever the size of the picture:
-//! those are what the next band is merged with, or the first of the next sample, so that no walk is traced twice. A band that has none
-//! before, because rendering began with it, has the walks of that before traced for their particles alone; the very first one merges with
-//! its own. Expectations do not depend on which walks these are. What must be one is η, for weights to add up: it is that of the
+//! those are what the next band is merged with, or the first of the next sample, so that walks are traced once. Where none were kept, because rendering
+//! begins here, η changes, or the shutter is open for longer than a moment, those of the band before are traced for their particles alone;
+//! the very first band merges with its own. Expectations do not depend on which walks these are. What must be one is η, for weights to add up: it is that of the
 //! first of samples 2ʲ to 2ʲ⁺¹, and of a band of mean size, though radii shrink and N may be another.
 
 use super::IntegratorError;
@@ -285,8 +285,7 @@ impl<'a> Vcm<'a> {
             if alive.none() || path.segments >= self.max_depth {
                 return;
             }
-            work.light.arrive(&mut path, &hit, &u, alive);
-            let Some((vertex, _)) = work.light.split_last() else { return };
+            let (vertex, _) = work.light.arrive(&mut path, &hit, &u, alive);
             if now.keeps || only {
                 // Without the merging here, which is taken into account where it is done.
                 let kept = vertex.mask.and_not(vertex.bsdf.is_specular());

@@ -136,19 +136,22 @@ impl<'a, F: Real> Walk<'a, F> {
         self.len = 0;
     }
 
-    /// One more: [`SubPath::arrive`].
+    /// One more, as [`SubPath::arrive`] has it, and those before it.
     #[inline(never)]
-    pub fn arrive(&mut self, path: &mut SubPath<'a, F>, hit: &Hit<F>, u: &Dimensions<F>, mask: F::Mask) {
+    pub fn arrive(
+        &mut self,
+        path: &mut SubPath<'a, F>,
+        hit: &Hit<F>,
+        u: &Dimensions<F>,
+        mask: F::Mask,
+    ) -> (&mut Vertex<'a, F>, &[Vertex<'a, F>]) {
         match self.vertices.get_mut(self.len) {
             Some(place) => *place = path.vertex(hit, u, mask),
             None => self.vertices.push(path.arrive(hit, u, mask)),
         }
+        let (before, from_here) = self.vertices.split_at_mut(self.len);
         self.len += 1;
-    }
-
-    /// The vertices before the last, and the last.
-    pub fn split_last(&mut self) -> Option<(&mut Vertex<'a, F>, &[Vertex<'a, F>])> {
-        self.vertices[..self.len].split_last_mut().map(|(last, before)| (last, &*before))
+        (&mut from_here[0], before)
     }
 
     /// All vertices.
