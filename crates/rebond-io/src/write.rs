@@ -304,15 +304,23 @@ fn files_of_material(material: &mut MaterialDescription, f: &mut dyn FnMut(&mut 
         | M::OrenNayar { reflectance: t, .. }
         | M::AshikhminShirley { diffuse_reflectance: t, .. }
         | M::ThinDielectric { tint: t, .. } => image(t, f),
-        M::Dielectric { tint: t, alpha, .. }
-        | M::Conductor { tint: t, alpha, .. }
-        | M::Plastic { diffuse_reflectance: t, alpha, .. } => {
+        M::Dielectric { tint: t, alpha, alpha_u, alpha_v, .. }
+        | M::Conductor { tint: t, alpha, alpha_u, alpha_v, .. } => {
+            image(t, f);
+            number(alpha, f);
+            alpha_u.iter_mut().chain(alpha_v).for_each(|own| number(own, f));
+        }
+        M::Plastic { diffuse_reflectance: t, alpha, .. } => {
             image(t, f);
             number(alpha, f);
         }
         M::Principled { base_color, metallic, roughness, .. } => {
             image(base_color, f);
             number(metallic, f);
+            number(roughness, f);
+        }
+        M::PrincipledThin { base_color, roughness, .. } => {
+            image(base_color, f);
             number(roughness, f);
         }
         M::Measured { file } => f(file),

@@ -386,12 +386,16 @@ impl Importer {
             }
             M::Mix { a, b, .. } => self.wears_images(a) || self.wears_images(b),
             M::Diffuse { reflectance } | M::Mirror { reflectance } => image(reflectance),
-            M::Dielectric { tint, alpha, .. } | M::Conductor { tint, alpha, .. } => image(tint) || varies(alpha),
+            M::Dielectric { tint, alpha, alpha_u, alpha_v, .. }
+            | M::Conductor { tint, alpha, alpha_u, alpha_v, .. } => {
+                image(tint) || [Some(alpha), alpha_u.as_ref(), alpha_v.as_ref()].into_iter().flatten().any(varies)
+            }
             M::ThinDielectric { tint, .. } => image(tint),
             M::Plastic { diffuse_reflectance, alpha, .. } => image(diffuse_reflectance) || varies(alpha),
             M::Principled { base_color, metallic, roughness, .. } => {
                 image(base_color) || varies(metallic) || varies(roughness)
             }
+            M::PrincipledThin { base_color, roughness, .. } => image(base_color) || varies(roughness),
             M::Phong { .. }
             | M::BlinnPhong { .. }
             | M::OrenNayar { .. }

@@ -331,9 +331,12 @@ fn numbers_of(scene: &SceneDescription, material: &MaterialRef, found: &mut BTre
 }
 
 /// A roughness along both tangents.
-fn both_ways(alpha: &mut NumberTexture, along: &mut Option<f32>, across: &mut Option<f32>) {
-    let Some(both) = alpha.constant() else { return };
-    (*along, *across) = (Some(along.unwrap_or(both)), Some(across.unwrap_or(both)));
+fn both_ways(alpha: &mut NumberTexture, along: &mut Option<NumberTexture>, across: &mut Option<NumberTexture>) {
+    if alpha.constant().is_none() {
+        return;
+    }
+    along.get_or_insert_with(|| alpha.clone());
+    across.get_or_insert_with(|| alpha.clone());
     *alpha = 0.0.into();
 }
 

@@ -410,6 +410,17 @@ pub enum Distribution {
     Beckmann,
 }
 
+/// How facets of rough metal and glass hide each other from both directions, after Smith.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Masking {
+    /// What stands high is seen better from both.
+    #[default]
+    Correlated,
+    /// From each independently, as in Mitsuba: a little darker where facets are rough.
+    Separable,
+}
+
 /// A metal whose complex index of refraction is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -463,13 +474,16 @@ pub enum MaterialDescription {
         alpha: NumberTexture,
         /// Roughness along the tangent, in place of `alpha`.
         #[serde(default)]
-        alpha_u: Option<f32>,
+        alpha_u: Option<NumberTexture>,
         /// Roughness across the tangent, in place of `alpha`.
         #[serde(default)]
-        alpha_v: Option<f32>,
+        alpha_v: Option<NumberTexture>,
         /// How facets are distributed.
         #[serde(default)]
         distribution: Distribution,
+        /// How they hide each other.
+        #[serde(default)]
+        masking: Masking,
         /// Factor on all it scatters; 1 for what is physical.
         #[serde(default = "white")]
         tint: Texture,
@@ -490,13 +504,16 @@ pub enum MaterialDescription {
         alpha: NumberTexture,
         /// Roughness along the tangent, in place of `alpha`.
         #[serde(default)]
-        alpha_u: Option<f32>,
+        alpha_u: Option<NumberTexture>,
         /// Roughness across the tangent, in place of `alpha`.
         #[serde(default)]
-        alpha_v: Option<f32>,
+        alpha_v: Option<NumberTexture>,
         /// How facets are distributed.
         #[serde(default)]
         distribution: Distribution,
+        /// How they hide each other.
+        #[serde(default)]
+        masking: Masking,
         /// Factor on the reflectance; 1 for what is physical.
         #[serde(default = "white")]
         tint: Texture,
@@ -610,6 +627,39 @@ pub enum MaterialDescription {
         /// Index of refraction inside.
         #[serde(default = "glass")]
         ior: f32,
+    },
+    /// A sheet without thickness, such as a leaf or paper: the thin form of Disney's BSDF. The same from both sides.
+    PrincipledThin {
+        /// Its colour.
+        #[serde(default = "eighty_percent")]
+        base_color: Texture,
+        /// Roughness; α is its square. What passes is less rough.
+        #[serde(default = "half_texture")]
+        roughness: NumberTexture,
+        /// How much it is brushed along its tangent, in [0, 1].
+        #[serde(default)]
+        anisotropic: f32,
+        /// 0 for a diffuse sheet, 1 for one that reflects and passes light as glass does.
+        #[serde(default)]
+        transmission: f32,
+        /// Index of refraction.
+        #[serde(default = "glass")]
+        ior: f32,
+        /// How much the colour tints what a sheet of glass reflects.
+        #[serde(default)]
+        specular_tint: f32,
+        /// Share of a diffuse sheet's light that passes it, in [0, 1].
+        #[serde(default)]
+        diffuse_transmission: f32,
+        /// How flat a diffuse sheet looks, as if light travelled within it.
+        #[serde(default)]
+        flatness: f32,
+        /// Weight of light that grazes its fibres.
+        #[serde(default)]
+        sheen: f32,
+        /// How much the colour tints that.
+        #[serde(default)]
+        sheen_tint: f32,
     },
     /// What was measured, or captured from another material: a `.safetensors` table of rebond's, MERL's `.binary` or RGL's
     /// `.bsdf`.

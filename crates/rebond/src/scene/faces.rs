@@ -288,6 +288,7 @@ impl Scene {
                 Some(Model::AshikhminShirley) => "an Ashikhmin-Shirley lobe",
                 Some(Model::Plastic) => "plastic",
                 Some(Model::Principled) => "a principled material",
+                Some(Model::PrincipledThin) => "a thin principled material",
                 Some(Model::Angles | Model::HalfDifference | Model::Adaptive) => "a measured material",
                 Some(Model::Diffuse) | None => "a diffuse material",
             },
