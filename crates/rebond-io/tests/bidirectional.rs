@@ -210,6 +210,36 @@ fn beams_of_some_width() {
     }
 }
 
+/// A point's light that crosses the lens is seen by no ray of the eye, so it is not shown by any way.
+#[test]
+fn points_before_a_lens_are_not_seen() {
+    let source = parse(
+        r#"
+        film = { width = 8, height = 8 }
+        [camera]
+        type = "thin-lens"
+        fov = 40
+        aperture_radius = 0.3
+        focus_distance = 4
+        to_world.look_at = { origin = [0, 0, 5], target = [0, 0, 0], up = [0, 1, 0] }
+        [[shapes]]
+        type = "rectangle"
+        material = { type = "diffuse", reflectance = 0 }
+        [[emitters]]
+        type = "point"
+        position = [0, 0, 1]
+        intensity = 1
+        "#,
+    );
+    for integrator in ["path", "light", "bidirectional", "vcm:mode=bidirectional"] {
+        assert_eq!(
+            film(&source, integrator, &Job { samples: 0..256, ..Job::default() }).mean(),
+            [0.0; 3],
+            "{integrator}"
+        );
+    }
+}
+
 /// A wall before a beam: E ρ/π where it is met, nothing elsewhere, and all of the power A E in the room.
 #[test]
 fn beams_are_their_closed_form() {

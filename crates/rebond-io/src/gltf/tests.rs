@@ -472,7 +472,7 @@ fn colours_beyond_white_are_named() {
     let mut value = square();
     value["meshes"][0]["name"] = json!("tile");
     value["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = json!(0);
-    let error = read(&value).err().expect("colours below 0");
+    let Err(error) = read(&value) else { panic!("colours below 0") };
     assert!(error.message.contains("its COLOR_0 (accessor 0) has 4 numbers outside of [0, 1]"), "{error}");
     assert!(error.message.contains("tile") || error.snippet().contains("tile"), "{}", error.snippet());
 }
