@@ -4,8 +4,8 @@
 mod common;
 
 use common::{LEVEL, judge};
-use rebond::film::{Film, FilterSettings};
-use rebond::integrators::IntegratorSettings;
+use rebond::film::{Aov, Film, FilterSettings};
+use rebond::integrators::{AovSettings, IntegratorSettings};
 use rebond::render::{Budget, Engine, Region, render};
 use rebond::sampling::Sampler;
 use rebond::scene::SceneDescription;
@@ -580,6 +580,47 @@ fn what_is_missing_is_an_error_or_a_warning() {
     source.build().expect("what is left");
 }
 
+/// Shapes whose points shine along their normals: where their light goes, and how much it is.
+#[test]
+fn beams_are_of_mitsubas_units() {
+    let beam = |shape: &str, more: &str| {
+        format!(
+            r#"<shape type="rectangle"><bsdf type="diffuse"><float name="reflectance" value="0.5"/></bsdf></shape>
+            <shape type="{shape}">{more}<emitter type="directionalarea"><float name="radiance" value="2"/></emitter></shape>"#
+        )
+    };
+    let lit = 2.0 * 0.5 / std::f32::consts::PI;
+    // What the camera sees is 1.76 wide: within the beam of what stands beside the camera, past it.
+    let behind = |flip: bool, scale: &str| {
+        format!(
+            r#"<boolean name="flip_normals" value="{flip}"/><transform name="to_world"><scale {scale}/><translate z="8"/></transform>"#
+        )
+    };
+    for (shape, more, value) in [
+        ("rectangle", behind(true, r#"value="2""#), lit),
+        ("rectangle", behind(false, r#"value="2""#), 0.0),
+        ("rectangle", behind(true, r#"x="-2" y="2""#), lit),
+        ("rectangle", behind(false, r#"x="2" y="2" z="-1""#), lit),
+        ("disk", behind(true, r#"value="2""#), lit),
+        ("cube", behind(false, r#"value="2""#), lit),
+        ("cube", behind(true, r#"value="2""#), 0.0),
+    ] {
+        // One of a cube's six lights is asked, so that a sample is 6 or 0 times its mean: within five deviations.
+        let (samples, near) =
+            if shape == "cube" { (1024, 5.0 * value * (5.0_f32 / (16.0 * 1024.0)).sqrt()) } else { (4, 0.0) };
+        let found = mean(&beam(shape, &more), samples);
+        assert!(found.iter().all(|x| (x - value).abs() < near + 1e-4), "{shape}, {more}: {found:?} for {value}");
+    }
+    // Half of the picture.
+    let half =
+        r#"<boolean name="flip_normals" value="true"/><transform name="to_world"><translate x="1" z="8"/></transform>"#;
+    let found = mean(&beam("rectangle", half), 4);
+    assert!((found[0] - lit / 2.0).abs() < 1e-4, "{found:?}");
+    assert_eq!(strict(&scene([4, 4], &beam("cube", ""))).expect("a scene").description.emitters.len(), 6);
+    let error = strict(&scene([4, 4], &beam("sphere", ""))).expect_err("a sphere");
+    assert!(error.message.contains("a \"directionalarea\" of anything but a rectangle, a disk or a cube"), "{error}");
+}
+
 #[test]
 fn settings_are_what_they_say() {
     let text = r#"<scene version="3.0.0">
@@ -608,11 +649,45 @@ fn settings_are_what_they_say() {
         CameraDescription::ThinLens { near_clip, .. } => assert_eq!(*near_clip, 0.01, "as nothing else is said"),
         other => panic!("{other:?}"),
     }
-    // Of several pictures the one that an integrator within renders.
-    let aov = text.replace("\"moment\">", "\"aov\"><string name=\"aovs\" value=\"dd.y:depth\"/>");
-    let source = strict(&aov).unwrap_or_else(|e| panic!("{}", e.snippet()));
+    // The picture of the integrator within, and layers beside it.
+    let aov = |aovs: &str| text.replace("\"moment\">", &format!("\"aov\"><string name=\"aovs\" value=\"{aovs}\"/>"));
+    let source = strict(&aov("dd.y:depth, nn:sh_normal,again:depth,i:shape_index"))
+        .unwrap_or_else(|e| panic!("{}", e.snippet()));
     assert!(matches!(&source.description.integrator, IntegratorSettings::Path(p) if p.rr_depth == 3));
-    assert!(source.warnings.len() == 1 && source.warnings[0].message.contains("only the picture"));
+    assert_eq!(source.description.film.aovs, [Aov::Depth, Aov::ShNormal, Aov::ShapeIndex]);
+    assert!(source.warnings.is_empty());
+    for (aovs, wrong) in [
+        ("d:depth,a:dp_du", "the aov \"dp_du\""),
+        ("a:albedos", "there is no aov \"albedos\""),
+        ("depth", "\"depth\" is not a name and what it shows"),
+    ] {
+        assert!(strict(&aov(aovs)).is_err_and(|e| e.message.contains(wrong)), "{aovs}");
+    }
+    let inner = "<integrator type=\"moment\"><integrator type=\"path\"><integer name=\"max_depth\" value=\"$depth\"/><integer name=\"rr_depth\" value=\"3\"/></integrator></integrator>";
+    assert!(text.contains(inner));
+    let alone =
+        text.replace(inner, "<integrator type=\"aov\"><string name=\"aovs\" value=\"a:uv,b:position\"/></integrator>");
+    let d = strict(&alone).unwrap_or_else(|e| panic!("{}", e.snippet())).description;
+    assert_eq!(
+        (d.integrator, d.film.aovs),
+        (IntegratorSettings::Aov(AovSettings { show: Aov::Uv }), vec![Aov::Position])
+    );
+    let depth = text.replace(inner, "<integrator type=\"depth\"/>");
+    let d = strict(&depth).unwrap_or_else(|e| panic!("{}", e.snippet())).description;
+    assert_eq!(d.integrator, IntegratorSettings::Aov(AovSettings { show: Aov::Depth }));
+    // What the eye does not see.
+    let hides = |value: &str| {
+        text.replace(
+            "<integer name=\"rr_depth\"",
+            &format!("<boolean name=\"hide_emitters\" value=\"{value}\"/><integer name=\"rr_depth\""),
+        )
+    };
+    for (value, hidden) in [("true", true), ("false", false)] {
+        assert_eq!(
+            strict(&hides(value)).unwrap_or_else(|e| panic!("{}", e.snippet())).description.hide_emitters,
+            hidden
+        );
+    }
     // Older scenes write names in another way, and unlimited depth as -1.
     let old = text
         .replace("3.0.0", "0.6.0")

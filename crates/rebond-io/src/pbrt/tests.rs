@@ -329,6 +329,8 @@ fn meshes_of_every_kind() {
     pack("c.pbrt.gz", format!("{CAMERA}WorldBegin Shape \"sphere\"").as_bytes());
     pack("bomb.pbrt.gz", &vec![b' '; 1 << 24]);
     let open = |name: &str| SceneSource::open(&folder.path().join(name).display().to_string());
+    std::fs::write(folder.path().join("plain.pbrt.gz"), "WorldBegin").expect("a file");
+    assert!(open("plain.pbrt.gz").expect_err("no gzip").message.contains("it is not packed by gzip"));
     let scene = open("c.pbrt.gz").unwrap_or_else(|e| panic!("{}", e.snippet()));
     assert_eq!((scene.name.as_str(), scene.description.shapes.len()), ("c", 1));
     assert!(open("bomb.pbrt.gz").expect_err("a bomb").message.contains(bomb));

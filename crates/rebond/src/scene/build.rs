@@ -2,8 +2,8 @@
 
 use super::description::{
     AttributeTexture, CameraDescription, Channel, Color, Distribution, EmitterDescription, FovAxis, ImageTexture,
-    LobeForm, Masking, MaterialDescription, MaterialRef, Mesh, MeshFile, Metal, NumberTexture, SceneDescription,
-    ShapeDescription, Texture,
+    LobeForm, Masking, MaterialDescription, MaterialRef, Mesh, MeshFile, Metal, NumberTexture, Outline,
+    SceneDescription, ShapeDescription, Texture,
 };
 use super::faces::{Extent, Names};
 use super::pilot;
@@ -20,7 +20,7 @@ use crate::emitter::{
     Emitter, Emitters, Environment, EnvironmentImage, Glow, IntensityImage, Keyframe, LightSampler, NO_EMITTER,
     Picture, Slide, Window, area_vector,
 };
-use crate::film::{Filter, FilterSettings, Image, LARGEST_SAMPLE};
+use crate::film::{Aov, Filter, FilterSettings, Image, LARGEST_SAMPLE};
 use crate::math::{Frame, Keyframes, LUMINANCE, Rgb};
 use crate::shape::MeshData;
 use crate::texture::{Encoding, SAME_UV, Textures, UvMap};
@@ -92,6 +92,7 @@ pub fn build(description: &SceneDescription, resources: &dyn Resources) -> Resul
     builder.emitters()?;
     let camera = camera(&description.camera, size)?;
     let filter = filter(description.film.filter)?;
+    check_aovs(&description.film.aovs)?;
     builder.finish(geometries, instances, camera, filter)
 }
 
@@ -126,6 +127,16 @@ fn film_size(description: &SceneDescription) -> Result<[u32; 2]> {
         );
     }
     Ok([film.width, film.height])
+}
+
+/// What is shown beside the picture.
+fn check_aovs(aovs: &[Aov]) -> Result<()> {
+    for (i, aov) in aovs.iter().enumerate() {
+        if aovs[..i].contains(aov) {
+            return Err(BuildError::new(format!("film.aovs[{i}]"), format!("{} is there twice", aov.name())));
+        }
+    }
+    Ok(())
 }
 
 fn filter(settings: FilterSettings) -> Result<Filter> {
@@ -555,7 +566,10 @@ impl<'a> Builder<'a> {
         let path = format!("{path}.attribute");
         self.asked = true;
         let Some(worn) = &mut self.worn else {
-            let error = BuildError::new(path, format!("\"{name}\" of no mesh"));
+            let error = BuildError::new(
+                path,
+                format!("\"{name}\" is an attribute, and what has this material here is no mesh"),
+            );
             return Err(error.help("attributes are those of the mesh that wears the material"));
         };
         let Some(values) = worn.attributes.get(name) else {
@@ -575,7 +589,9 @@ impl<'a> Builder<'a> {
         let outside = values.iter().filter(|v| !inside(v)).count();
         if outside > 0 {
             let times = if scale.0 == [1.0; 3] { "" } else { ", times its scale," };
-            let message = format!("{outside} values of \"{name}\"{times} are below 0, above 1 or not finite");
+            let values = if outside == 1 { "1 value" } else { &*format!("{outside} values") };
+            let are = if outside == 1 { "is" } else { "are" };
+            let message = format!("{values} of \"{name}\"{times} {are} below 0, above 1 or not finite");
             return Err(BuildError::new(path, message).help(range));
         }
         if let Some(number) = worn.numbers.get(name) {
@@ -1418,6 +1434,27 @@ impl<'a> Builder<'a> {
                         direction.ok_or_else(|| BuildError::new(at("direction"), "the direction is zero"))?;
                     Emitter::Directional { direction, irradiance: light(&at("irradiance"), *irradiance)? }
                 }
+                EmitterDescription::DirectionalArea { to_world, shape, irradiance } => {
+                    let m = to_world.matrix(&at("to_world"), "a directional-area light")?;
+                    let corner = |x: f64, y: f64| m.transform_point3(DVec3::new(x, y, 0.0)).as_vec3();
+                    let (round, [p, a, b]) = match shape {
+                        Outline::Rectangle => (false, [corner(-1.0, -1.0), corner(1.0, -1.0), corner(-1.0, 1.0)]),
+                        Outline::Disk => (true, [corner(0.0, 0.0), corner(1.0, 0.0), corner(0.0, 1.0)]),
+                    };
+                    let (a, b) = (a - p, b - p);
+                    let area = area_vector(a, b).length();
+                    if !(area.is_finite() && area > SMALLEST_LIGHT && area < LARGEST_LIGHT) {
+                        let error = BuildError::new(
+                            at("to_world"),
+                            "the transform leaves the light no area, or too large a one",
+                        );
+                        return Err(error.help("its sides are to be lengths in the units of the scene"));
+                    }
+                    // A transform that mirrors turns the order of edges; +z stays what it is.
+                    let (a, b) = if m.matrix3.determinant() < 0.0 { (b, a) } else { (a, b) };
+                    let irradiance = light(&at("irradiance"), *irradiance)?;
+                    Emitter::DirectionalArea { p: [p, a, b], round, irradiance }
+                }
                 EmitterDescription::Constant { radiance } => {
                     self.environments.push(Environment::Constant(light(&at("radiance"), *radiance)?));
                     self.surroundings()
@@ -1576,6 +1613,7 @@ impl<'a> Builder<'a> {
             geometries.push(part.geometry);
         }
         self.features.instances = placed.len() > 1;
+        self.features.hides_emitters = self.description.hide_emitters;
         let instances: Vec<Instance> = placed
             .iter()
             .map(|(geometry, motion, _)| {
@@ -1670,6 +1708,7 @@ impl<'a> Builder<'a> {
             emitters,
             camera,
             filter,
+            aovs: self.description.film.aovs.clone(),
             statistics,
             names: self.names,
             extents,
@@ -1684,13 +1723,19 @@ impl<'a> Builder<'a> {
 /// Place and axes of what is turned and mirrored, but not sheared.
 fn upright(path: &str, to_world: &super::description::Transform, what: &str) -> Result<(Vec3, [[f32; 3]; 3])> {
     let m = to_world.matrix(path, what)?;
-    let axes = [m.matrix3.x_axis, m.matrix3.y_axis, m.matrix3.z_axis].map(|v| v.normalize());
+    let axes = [m.matrix3.x_axis, m.matrix3.y_axis, m.matrix3.z_axis];
+    let lengths = axes.map(|v| v.length());
+    let axes = axes.map(|v| v.normalize());
     let place = m.translation.as_vec3();
     if !(place.is_finite() && axes.iter().all(|a| a.is_finite())) {
         return Err(BuildError::new(path, "the transform flattens what it places, or is not finite"));
     }
     if axes[0].dot(axes[1]).abs().max(axes[1].dot(axes[2]).abs()).max(axes[2].dot(axes[0]).abs()) > 1e-4 {
         return Err(BuildError::new(path, format!("{what} can be turned and mirrored, but not sheared")));
+    }
+    if lengths.iter().any(|l| (l / lengths[0] - 1.0).abs() > 1e-4) {
+        let error = BuildError::new(path, format!("{what} can be turned and mirrored, but not stretched"));
+        return Err(error.help("scale it alike along all axes, which changes nothing"));
     }
     Ok((place, axes.map(|a| a.as_vec3().to_array())))
 }

@@ -6,7 +6,7 @@
 //! Rec. 709; [`Color`] may be one number, for grey.
 
 use crate::emitter::LightChoice;
-use crate::film::FilterSettings;
+use crate::film::{Aov, FilterSettings};
 use crate::integrators::IntegratorSettings;
 use crate::sampling::SamplerSettings;
 use crate::texture::{Encoding, TextureFilter, UvMap, Wrap};
@@ -29,6 +29,9 @@ pub struct SceneDescription {
     pub sampler: SamplerSettings,
     /// How an emitter is chosen to light a point; by power if there are few, else by a tree, if not given.
     pub light_choice: Option<LightChoice>,
+    /// Whether the eye sees no lights: its rays pass those that have a surface, and find no surroundings. They light the rest as before.
+    #[serde(skip_serializing_if = "is_false")]
+    pub hide_emitters: bool,
     /// The algorithm to use unless another is asked for.
     pub integrator: IntegratorSettings,
     /// Materials by name.
@@ -41,6 +44,10 @@ pub struct SceneDescription {
     pub emitters: Vec<EmitterDescription>,
 }
 
+fn is_false(flag: &bool) -> bool {
+    !flag
+}
+
 /// Size and filter of the picture.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -51,11 +58,14 @@ pub struct FilmDescription {
     pub height: u32,
     /// Reconstruction filter.
     pub filter: FilterSettings,
+    /// What camera rays meet, in layers beside the picture.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub aovs: Vec<Aov>,
 }
 
 impl Default for FilmDescription {
     fn default() -> Self {
-        Self { width: 512, height: 512, filter: FilterSettings::default() }
+        Self { width: 512, height: 512, filter: FilterSettings::default(), aovs: Vec::new() }
     }
 }
 
@@ -976,6 +986,17 @@ pub enum EmitterDescription {
         /// Irradiance on a surface that faces it, W·m⁻².
         irradiance: Color,
     },
+    /// Parallel light from a surface that shines along its normal, local +z, only. It is light alone: a shape may stand where it starts.
+    DirectionalArea {
+        /// Where it stands and points, and how large it is.
+        #[serde(default)]
+        to_world: Transform,
+        /// Its outline.
+        #[serde(default)]
+        shape: Outline,
+        /// Irradiance on a surface that faces it, W·m⁻².
+        irradiance: Color,
+    },
     /// The same radiance from everywhere.
     Constant {
         /// Radiance, W·sr⁻¹·m⁻².
@@ -995,6 +1016,17 @@ pub enum EmitterDescription {
         #[serde(default)]
         to_world: Transform,
     },
+}
+
+/// Flat shapes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Outline {
+    /// The square from (−1, −1, 0) to (1, 1, 0).
+    #[default]
+    Rectangle,
+    /// The unit disk.
+    Disk,
 }
 
 fn clamp() -> Wrap {
