@@ -101,7 +101,7 @@ def comparable(scene, width=None, height=None, sampler=None):
     film["height"] = height or film.get("height", 512)
     if sampler:
         scene["sampler"] = {"type": sampler}
-    replaced = set()
+    replaced, masked = set(), set()
 
     def walk(node):
         if isinstance(node, list):
@@ -112,12 +112,17 @@ def comparable(scene, width=None, height=None, sampler=None):
         if kind in ("phong", "blinn-phong"):
             replaced.add(kind)
             return {"type": "diffuse", "reflectance": walk(node.get("reflectance", 0.5))}
+        if kind in ("conductor", "dielectric") and not node.get("compensate") and {"alpha", "alpha_u", "alpha_v"} & node.keys():
+            node = {**node, "masking": "separable"}
+            masked.add(kind)
         return {k: walk(v) for k, v in node.items()}
 
     for key in ("materials", "groups", "shapes"):
         if key in scene:
             scene[key] = walk(scene[key])
     notes += [f"{kind} is replaced by diffuse" for kind in sorted(replaced)]
+    if masked:
+        notes.append("rough facets hide each other separately, as in Mitsuba")
 
     def rest(node):
         if isinstance(node, list):
@@ -376,7 +381,7 @@ class _Translation:
         u, v = m.get("alpha_u", alpha), m.get("alpha_v", alpha)
         if max(u, v) < SMOOTH:
             return {}
-        return {"distribution": "ggx", "alpha_u": max(float(u), SMOOTH), "alpha_v": max(float(v), SMOOTH)}
+        return {"distribution": m.get("distribution", "ggx"), "alpha_u": max(float(u), SMOOTH), "alpha_v": max(float(v), SMOOTH)}
 
     # ---- lights ----
 

@@ -7,7 +7,7 @@ use crate::progress::{Progress, catch_interrupt};
 use crate::pyramid;
 use clap::Args;
 use rebond::emitter::LightChoice;
-use rebond::film::{Film, Image};
+use rebond::film::{Aov, Film, Image};
 use rebond::integrators::IntegratorSettings;
 use rebond::render::{Budget, Engine, PathExpression, PathLayer, Region, render};
 use rebond::sampling::{Sampler, SamplerSettings};
@@ -46,6 +46,10 @@ pub struct Arguments {
     /// glossy, specular) or expressions such as LDE,LS+DE.
     #[arg(long, value_parser = split)]
     split: Option<Split>,
+    /// What camera rays meet, in layers too, beside those that the scene asks for: depth, position, uv, geo-normal, sh-normal,
+    /// albedo, prim-index, shape-index.
+    #[arg(long, value_delimiter = ',', value_parser = aov)]
+    aov: Vec<Aov>,
     /// Render only this part, in pixels from the top left.
     #[arg(long, value_name = "X,Y,W,H", value_parser = crop)]
     crop: Option<[u32; 4]>,
@@ -127,6 +131,12 @@ fn split(text: &str) -> Result<Split, String> {
     }))
 }
 
+fn aov(text: &str) -> Result<Aov, String> {
+    let known = Aov::ALL.map(Aov::name);
+    let found = Aov::ALL.into_iter().find(|aov| aov.name() == text);
+    found.ok_or_else(|| format!("no layer \"{text}\": there are {}", known.join(", ")))
+}
+
 pub fn duration(text: &str) -> Result<Duration, String> {
     // From the back, so that the e of an exponent is not taken for a unit.
     let (number, unit) = text.split_at(text.trim_end_matches(|c: char| c.is_ascii_alphabetic()).len());
@@ -198,6 +208,11 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
     if let Some([w, h]) = a.size {
         (description.film.width, description.film.height) = (w, h);
     }
+    for aov in &a.aov {
+        if !description.film.aovs.contains(aov) {
+            description.film.aovs.push(*aov);
+        }
+    }
     if let Some(choice) = a.light_choice {
         description.light_choice = Some(match choice {
             LightChoiceName::Power => LightChoice::Power,
@@ -223,7 +238,10 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
     // Files that the command line names are relative to where it is given, those of a scene to the scene.
     let files = if integrator.is_some() { &SceneFiles::Folder(PathBuf::new()) } else { source.files() };
     let mut settings = integrator.unwrap_or_else(|| source.description.integrator.clone());
-    let layer_names: Vec<String> = layers.iter().map(|l| l.name.clone()).chain(settings.own_layers()).collect();
+    let layer_names = layers.iter().map(|l| l.name.clone()).chain(settings.own_layers());
+    // They are the last.
+    let aovs = source.description.film.aovs.iter().map(|aov| aov.name().to_owned());
+    let layer_names: Vec<String> = layer_names.chain(aovs).collect();
     if let Some(page) = &a.pyramid {
         if !matches!(settings, IntegratorSettings::Bidirectional(_)) || settings.own_layers().is_empty() {
             let message =

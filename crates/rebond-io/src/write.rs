@@ -159,7 +159,8 @@ pub fn convert(source: &SceneSource, out: &Path) -> Result<Vec<PathBuf>, Error> 
         }
         let mut keep = || -> Result<String, Error> {
             let original = file.clone();
-            let in_place = !made(source, &original) && old.is_some_and(|old| same_path(old, &folder));
+            let stays = old.is_some_and(|old| same_path(old, &folder));
+            let in_place = !made(source, &original) && stays;
             if in_place && Path::new(&original).is_relative() {
                 return Ok(original);
             }
@@ -169,7 +170,8 @@ pub fn convert(source: &SceneSource, out: &Path) -> Result<Vec<PathBuf>, Error> 
             // What is there already may be what an earlier conversion wrote.
             let taken = |n: &str| {
                 let path = folder.join(n);
-                let given = names.values().chain(&used).any(|known| known == n);
+                // What stays where it is has its name.
+                let given = names.values().any(|known| known == n) || stays && used.iter().any(|known| known == n);
                 given || path.exists() && !std::fs::read(&path).is_ok_and(|there| there == bytes)
             };
             let numbered = |i: u32| match i {
@@ -302,15 +304,23 @@ fn files_of_material(material: &mut MaterialDescription, f: &mut dyn FnMut(&mut 
         | M::OrenNayar { reflectance: t, .. }
         | M::AshikhminShirley { diffuse_reflectance: t, .. }
         | M::ThinDielectric { tint: t, .. } => image(t, f),
-        M::Dielectric { tint: t, alpha, .. }
-        | M::Conductor { tint: t, alpha, .. }
-        | M::Plastic { diffuse_reflectance: t, alpha, .. } => {
+        M::Dielectric { tint: t, alpha, alpha_u, alpha_v, .. }
+        | M::Conductor { tint: t, alpha, alpha_u, alpha_v, .. } => {
+            image(t, f);
+            number(alpha, f);
+            alpha_u.iter_mut().chain(alpha_v).for_each(|own| number(own, f));
+        }
+        M::Plastic { diffuse_reflectance: t, alpha, .. } => {
             image(t, f);
             number(alpha, f);
         }
         M::Principled { base_color, metallic, roughness, .. } => {
             image(base_color, f);
             number(metallic, f);
+            number(roughness, f);
+        }
+        M::PrincipledThin { base_color, roughness, .. } => {
+            image(base_color, f);
             number(roughness, f);
         }
         M::Measured { file } => f(file),
@@ -607,6 +617,14 @@ mod tests {
         // Beside its files it needs no others.
         let second = out.with_file_name("again.toml");
         assert_eq!(convert(&again, &second).expect("written"), [second]);
+        // Elsewhere they have the names that they had.
+        let third = folder.path().join("elsewhere/gallery.toml");
+        let there = convert(&again, &third).expect("written");
+        let names = |files: &[PathBuf], from: &Path| -> Vec<PathBuf> {
+            let within = files.iter().map(|f| f.strip_prefix(from).expect("within").to_path_buf());
+            within.collect()
+        };
+        assert_eq!(names(&there, &folder.path().join("elsewhere")), names(&written, &folder.path().join("out")));
     }
 
     #[test]

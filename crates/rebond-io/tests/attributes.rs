@@ -166,7 +166,7 @@ fn mistakes_say_so() {
     assert_eq!(
         named("vertex_color = [1, 1, 1, 1.5]"),
         format!(
-            "{place}: 1 values of \"vertex_color\" are below 0, above 1 or not finite (a reflectance lies within [0, 1])"
+            "{place}: 1 value of \"vertex_color\" is below 0, above 1 or not finite (a reflectance lies within [0, 1])"
         )
     );
     assert_eq!(named("vertex_color = [1, 1]"), "shapes[1].attributes.vertex_color: 2 values for 4 positions ()");

@@ -198,6 +198,109 @@ fn projectors() {
     agree_on("projectors", &source, &all, 20.0);
 }
 
+/// Beams from a square and from an ellipse, one of them mirrored, beside a lamp; through a pinhole, and through a lens that one
+/// of them meets, and a point's light too: neither is seen by that.
+#[test]
+fn beams_of_some_width() {
+    let lens = "type = \"thin-lens\"\naperture_radius = 0.5\nfocus_distance = 5";
+    for camera in ["type = \"perspective\"", lens] {
+        let source = beams(camera);
+        let all = [("path:max_depth=4", 128), ("light:max_depth=4", 128), ("bidirectional:max_depth=4", 64)];
+        agree_on(camera, &source, &all, 40.0);
+    }
+}
+
+/// A point's light that crosses the lens is seen by no ray of the eye, so it is not shown by any way.
+#[test]
+fn points_before_a_lens_are_not_seen() {
+    let source = parse(
+        r#"
+        film = { width = 8, height = 8 }
+        [camera]
+        type = "thin-lens"
+        fov = 40
+        aperture_radius = 0.3
+        focus_distance = 4
+        to_world.look_at = { origin = [0, 0, 5], target = [0, 0, 0], up = [0, 1, 0] }
+        [[shapes]]
+        type = "rectangle"
+        material = { type = "diffuse", reflectance = 0 }
+        [[emitters]]
+        type = "point"
+        position = [0, 0, 1]
+        intensity = 1
+        "#,
+    );
+    for integrator in ["path", "light", "bidirectional", "vcm:mode=bidirectional"] {
+        assert_eq!(
+            film(&source, integrator, &Job { samples: 0..256, ..Job::default() }).mean(),
+            [0.0; 3],
+            "{integrator}"
+        );
+    }
+}
+
+/// A wall before a beam: E ρ/π where it is met, nothing elsewhere, and all of the power A E in the room.
+#[test]
+fn beams_are_their_closed_form() {
+    let text = |shape: &str, scale: &str| {
+        format!(
+            r#"
+            film = {{ width = 64, height = 64, filter = {{ type = "box" }} }}
+            [camera]
+            type = "orthographic"
+            to_world.look_at = {{ origin = [0, 0, 2], target = [0, 0, 0], up = [0, 1, 0] }}
+            [[shapes]]
+            type = "rectangle"
+            material = {{ type = "diffuse", reflectance = 0.5 }}
+            [[emitters]]
+            type = "directional-area"
+            shape = "{shape}"
+            irradiance = [1, 2, 4]
+            to_world = [{{ scale = {scale} }}, {{ rotate = {{ axis = [1, 0, 0], angle = 180 }} }}, {{ translate = [0.1, 0.2, 3] }}]
+            "#
+        )
+    };
+    let pi = std::f64::consts::PI;
+    for (shape, scale, area) in [
+        ("rectangle", "[0.5, 0.25, 1]", 0.5),
+        ("rectangle", "[-0.5, 0.25, 1]", 0.5),
+        ("disk", "[0.5, 0.25, 3]", pi * 0.125),
+        ("disk", "[0.5, -0.25, 1]", pi * 0.125),
+    ] {
+        let source = parse(&text(shape, scale));
+        for integrator in [
+            "path",
+            "direct",
+            "direct:sampling=product",
+            "recursive:depth=2",
+            "bidirectional",
+            "light",
+            "vcm:radius=0.01",
+            "vcm:mode=merging,radius=0.03",
+        ] {
+            let films = films(&source, integrator, 1, 8, &[]);
+            let means: Moments = films.iter().map(|f| f.mean()[1]).collect();
+            // Of the picture's area 4.
+            let value = 2.0 * 0.5 / pi * area / 4.0;
+            let p = if (means.mean() / value - 1.0).abs() < 1e-5 { 1.0 } else { means.p_value(value) };
+            assert!(p > LEVEL / 32.0, "{shape}, {scale}, {integrator}: {} for {value}, p {p:.1e}", means.mean());
+            if integrator != "light" && integrator != "bidirectional" && !integrator.starts_with("vcm") {
+                let image = films[0].develop().rgb("").expect("colours");
+                let values: std::collections::BTreeSet<u32> =
+                    image.iter().map(|c| (c[1] * 1e4).round() as u32).collect();
+                let (first, last) = (values.first().expect("some"), values.last().expect("some"));
+                assert_eq!((*first, *last), (0, (1e4 / pi).round() as u32), "{shape}, {integrator}");
+            }
+        }
+    }
+    // From behind, and beside it, there is none.
+    let behind = parse(&text("rectangle", "0.5").replace("angle = 180", "angle = 0"));
+    for integrator in ["path", "light", "bidirectional"] {
+        assert_eq!(film(&behind, integrator, &Job::default()).mean(), [0.0; 3], "{integrator}");
+    }
+}
+
 /// Pictures off the axis: the density of directions is that about the axis.
 #[test]
 fn shifted_pictures() {

@@ -4,8 +4,8 @@
 mod common;
 
 use common::{LEVEL, judge};
-use rebond::film::{Film, FilterSettings};
-use rebond::integrators::IntegratorSettings;
+use rebond::film::{Aov, Film, FilterSettings};
+use rebond::integrators::{AovSettings, IntegratorSettings};
 use rebond::render::{Budget, Engine, Region, render};
 use rebond::sampling::Sampler;
 use rebond::scene::SceneDescription;
@@ -76,7 +76,7 @@ fn every_scene_loads_and_is_built() {
         assert_eq!(source.samples, Some(64), "by the default of $spp");
         count += 1;
     }
-    assert!(count >= 17, "{count}");
+    assert!(count >= 28, "{count}");
 }
 
 /// Mitsuba's Cornell box is the built-in one, which was described by itself.
@@ -300,6 +300,73 @@ fn pictures_lie_as_in_mitsuba() {
     }
 }
 
+/// White metal of α = 1 in light of 1: of GGX facets that hide each other separately it reflects 2 (1 − ln 2) / (1 + cosθ). Were
+/// heights correlated, it would be a tenth more at 60°.
+#[test]
+fn rough_metal_is_as_dark_as_mitsubas() {
+    let tilted = r#"<shape type="rectangle"><transform name="to_world"><scale value="20"/><rotate x="1" angle="60"/></transform>
+        <bsdf type="roughconductor"><string name="distribution" value="ggx"/><float name="alpha" value="1"/></bsdf></shape>"#;
+    let found = mean(&format!("{tilted}<emitter type=\"constant\"/>"), 4096)[1];
+    // The mean over the picture, of rays to (x, y, −1).
+    let (n, most) = (200, 10.0_f64.to_radians().tan());
+    let place = |i: i32| (f64::from(2 * i + 1) / f64::from(n) - 1.0) * most;
+    let (sin, cos) = 60.0_f64.to_radians().sin_cos();
+    let of_ray = |x: f64, y: f64| 2.0 * (1.0 - 2.0_f64.ln()) / (1.0 + (cos + sin * y) / (1.0 + x * x + y * y).sqrt());
+    let sum: f64 = (0..n * n).map(|i| of_ray(place(i % n), place(i / n))).sum();
+    let exact = sum / f64::from(n * n);
+    assert!((f64::from(found) / exact - 1.0).abs() < 0.005, "{found} for {exact}");
+}
+
+#[test]
+fn rough_materials_and_sheets_are_what_they_say() {
+    use rebond::scene::description::{Distribution, Masking, NumberTexture};
+    let material = |bsdf: &str| {
+        let text = scene([4, 4], &format!("<shape type=\"sphere\">{bsdf}</shape>"));
+        let source = strict(&text).unwrap_or_else(|e| panic!("{}", e.snippet()));
+        let ShapeDescription::Sphere(sphere) = &source.description.shapes[0] else { panic!("no sphere") };
+        let Some(MaterialRef::Inline(material)) = &sphere.material else { panic!("no material") };
+        (**material).clone()
+    };
+    for (bsdf, expected) in [
+        ("roughconductor", Masking::Separable),
+        ("roughdielectric", Masking::Separable),
+        ("dielectric", Masking::Correlated),
+    ] {
+        let (found, of) = match material(&format!("<bsdf type=\"{bsdf}\"/>")) {
+            MaterialDescription::Conductor { masking, distribution, .. }
+            | MaterialDescription::Dielectric { masking, distribution, .. } => (masking, distribution),
+            other => panic!("{other:?}"),
+        };
+        let rough = expected == Masking::Separable;
+        assert_eq!((found, of), (expected, if rough { Distribution::Beckmann } else { Distribution::Ggx }), "{bsdf}");
+    }
+    // One direction by an image, the other by a number.
+    let image = "<texture type=\"bitmap\" name=\"alpha_u\"><string name=\"filename\" value=\"parts/small.pfm\"/><boolean name=\"raw\" value=\"true\"/></texture>";
+    let MaterialDescription::Conductor { alpha_u, alpha_v, .. } =
+        material(&format!("<bsdf type=\"roughconductor\">{image}<float name=\"alpha_v\" value=\"0.5\"/></bsdf>"))
+    else {
+        panic!("no conductor")
+    };
+    assert!(matches!(alpha_u, Some(NumberTexture::Image(_))) && alpha_v == Some(0.5.into()), "{alpha_u:?} {alpha_v:?}");
+    // Mitsuba's share of the diffuse light that passes goes up to 2.
+    let sheet = r#"<bsdf type="principledthin"><rgb name="base_color" value="0.25, 0.5, 0.75"/><float name="roughness" value="0.125"/>
+        <float name="anisotropic" value="0.5"/><float name="spec_trans" value="0.75"/><float name="eta" value="1.25"/><float name="spec_tint" value="0.375"/>
+        <float name="sheen" value="0.625"/><float name="sheen_tint" value="0.875"/><float name="flatness" value="0.0625"/><float name="diff_trans" value="1.5"/></bsdf>"#;
+    let expected = MaterialDescription::PrincipledThin {
+        base_color: rebond::scene::description::Texture::Constant(rebond::scene::description::Color([0.25, 0.5, 0.75])),
+        roughness: 0.125.into(),
+        anisotropic: 0.5,
+        transmission: 0.75,
+        ior: 1.25,
+        specular_tint: 0.375,
+        diffuse_transmission: 0.75,
+        flatness: 0.0625,
+        sheen: 0.625,
+        sheen_tint: 0.875,
+    };
+    assert_eq!(material(sheet), expected);
+}
+
 /// Asked for a number, Mitsuba's checkerboard gives that of the other squares (3.9.1, `eval` and `eval_1`).
 #[test]
 fn checkerboards_of_numbers_are_the_other_way_round() {
@@ -336,6 +403,9 @@ fn a_converted_scene_is_the_same_picture() {
         "projectors",
         "window",
         "rough",
+        "rougher",
+        "sheets",
+        "measured",
         "painted",
     ] {
         let mut source = SceneSource::open(&data().join(format!("{name}.xml")).display().to_string()).expect("a scene");
@@ -510,6 +580,47 @@ fn what_is_missing_is_an_error_or_a_warning() {
     source.build().expect("what is left");
 }
 
+/// Shapes whose points shine along their normals: where their light goes, and how much it is.
+#[test]
+fn beams_are_of_mitsubas_units() {
+    let beam = |shape: &str, more: &str| {
+        format!(
+            r#"<shape type="rectangle"><bsdf type="diffuse"><float name="reflectance" value="0.5"/></bsdf></shape>
+            <shape type="{shape}">{more}<emitter type="directionalarea"><float name="radiance" value="2"/></emitter></shape>"#
+        )
+    };
+    let lit = 2.0 * 0.5 / std::f32::consts::PI;
+    // What the camera sees is 1.76 wide: within the beam of what stands beside the camera, past it.
+    let behind = |flip: bool, scale: &str| {
+        format!(
+            r#"<boolean name="flip_normals" value="{flip}"/><transform name="to_world"><scale {scale}/><translate z="8"/></transform>"#
+        )
+    };
+    for (shape, more, value) in [
+        ("rectangle", behind(true, r#"value="2""#), lit),
+        ("rectangle", behind(false, r#"value="2""#), 0.0),
+        ("rectangle", behind(true, r#"x="-2" y="2""#), lit),
+        ("rectangle", behind(false, r#"x="2" y="2" z="-1""#), lit),
+        ("disk", behind(true, r#"value="2""#), lit),
+        ("cube", behind(false, r#"value="2""#), lit),
+        ("cube", behind(true, r#"value="2""#), 0.0),
+    ] {
+        // One of a cube's six lights is asked, so that a sample is 6 or 0 times its mean: within five deviations.
+        let (samples, near) =
+            if shape == "cube" { (1024, 5.0 * value * (5.0_f32 / (16.0 * 1024.0)).sqrt()) } else { (4, 0.0) };
+        let found = mean(&beam(shape, &more), samples);
+        assert!(found.iter().all(|x| (x - value).abs() < near + 1e-4), "{shape}, {more}: {found:?} for {value}");
+    }
+    // Half of the picture.
+    let half =
+        r#"<boolean name="flip_normals" value="true"/><transform name="to_world"><translate x="1" z="8"/></transform>"#;
+    let found = mean(&beam("rectangle", half), 4);
+    assert!((found[0] - lit / 2.0).abs() < 1e-4, "{found:?}");
+    assert_eq!(strict(&scene([4, 4], &beam("cube", ""))).expect("a scene").description.emitters.len(), 6);
+    let error = strict(&scene([4, 4], &beam("sphere", ""))).expect_err("a sphere");
+    assert!(error.message.contains("a \"directionalarea\" of anything but a rectangle, a disk or a cube"), "{error}");
+}
+
 #[test]
 fn settings_are_what_they_say() {
     let text = r#"<scene version="3.0.0">
@@ -538,11 +649,45 @@ fn settings_are_what_they_say() {
         CameraDescription::ThinLens { near_clip, .. } => assert_eq!(*near_clip, 0.01, "as nothing else is said"),
         other => panic!("{other:?}"),
     }
-    // Of several pictures the one that an integrator within renders.
-    let aov = text.replace("\"moment\">", "\"aov\"><string name=\"aovs\" value=\"dd.y:depth\"/>");
-    let source = strict(&aov).unwrap_or_else(|e| panic!("{}", e.snippet()));
+    // The picture of the integrator within, and layers beside it.
+    let aov = |aovs: &str| text.replace("\"moment\">", &format!("\"aov\"><string name=\"aovs\" value=\"{aovs}\"/>"));
+    let source = strict(&aov("dd.y:depth, nn:sh_normal,again:depth,i:shape_index"))
+        .unwrap_or_else(|e| panic!("{}", e.snippet()));
     assert!(matches!(&source.description.integrator, IntegratorSettings::Path(p) if p.rr_depth == 3));
-    assert!(source.warnings.len() == 1 && source.warnings[0].message.contains("only the picture"));
+    assert_eq!(source.description.film.aovs, [Aov::Depth, Aov::ShNormal, Aov::ShapeIndex]);
+    assert!(source.warnings.is_empty());
+    for (aovs, wrong) in [
+        ("d:depth,a:dp_du", "the aov \"dp_du\""),
+        ("a:albedos", "there is no aov \"albedos\""),
+        ("depth", "\"depth\" is not a name and what it shows"),
+    ] {
+        assert!(strict(&aov(aovs)).is_err_and(|e| e.message.contains(wrong)), "{aovs}");
+    }
+    let inner = "<integrator type=\"moment\"><integrator type=\"path\"><integer name=\"max_depth\" value=\"$depth\"/><integer name=\"rr_depth\" value=\"3\"/></integrator></integrator>";
+    assert!(text.contains(inner));
+    let alone =
+        text.replace(inner, "<integrator type=\"aov\"><string name=\"aovs\" value=\"a:uv,b:position\"/></integrator>");
+    let d = strict(&alone).unwrap_or_else(|e| panic!("{}", e.snippet())).description;
+    assert_eq!(
+        (d.integrator, d.film.aovs),
+        (IntegratorSettings::Aov(AovSettings { show: Aov::Uv }), vec![Aov::Position])
+    );
+    let depth = text.replace(inner, "<integrator type=\"depth\"/>");
+    let d = strict(&depth).unwrap_or_else(|e| panic!("{}", e.snippet())).description;
+    assert_eq!(d.integrator, IntegratorSettings::Aov(AovSettings { show: Aov::Depth }));
+    // What the eye does not see.
+    let hides = |value: &str| {
+        text.replace(
+            "<integer name=\"rr_depth\"",
+            &format!("<boolean name=\"hide_emitters\" value=\"{value}\"/><integer name=\"rr_depth\""),
+        )
+    };
+    for (value, hidden) in [("true", true), ("false", false)] {
+        assert_eq!(
+            strict(&hides(value)).unwrap_or_else(|e| panic!("{}", e.snippet())).description.hide_emitters,
+            hidden
+        );
+    }
     // Older scenes write names in another way, and unlimited depth as -1.
     let old = text
         .replace("3.0.0", "0.6.0")

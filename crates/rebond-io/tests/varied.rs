@@ -43,12 +43,15 @@ fn room(folder: &Path, shapes: &str) -> SceneSource {
 }
 
 /// Materials with numbers R, G and B.
-const MATERIALS: [&str; 6] = [
+const MATERIALS: [&str; 9] = [
     r#"{ type = "principled", base_color = [0.9, 0.6, 0.3], roughness = R, metallic = G }"#,
     r#"{ type = "principled", roughness = R, metallic = B, anisotropic = 0.7, transmission = 0.5, clearcoat = 0.5, sheen = 0.3 }"#,
     r#"{ type = "conductor", metal = "gold", alpha = R }"#,
     r#"{ type = "conductor", metal = "copper", alpha = G, compensate = true }"#,
     r#"{ type = "dielectric", alpha = B }"#,
+    r#"{ type = "conductor", metal = "silver", alpha_u = R, alpha_v = G, distribution = "beckmann", masking = "separable" }"#,
+    r#"{ type = "dielectric", alpha = 0.2, alpha_v = B }"#,
+    r#"{ type = "principled-thin", roughness = R, anisotropic = 0.4, transmission = 0.4, diffuse_transmission = 0.3 }"#,
     r#"{ type = "plastic", diffuse_reflectance = [0.2, 0.3, 0.6], alpha = R, nonlinear = true }"#,
 ];
 
@@ -131,8 +134,13 @@ fn what_is_no_image_of_numbers_says_so() {
     let (path, message) = fails(r#"{ type = "principled", roughness = { image = "bright.pfm" } }"#);
     assert_eq!(path, "shapes[2].material.roughness.image");
     assert_eq!(message, "1 texels of \"bright.pfm\" are above 1 and 0 below 0 or not finite");
-    let (path, message) = fails(r#"{ type = "conductor", alpha = { image = "even.pfm" }, alpha_v = 0.1 }"#);
-    assert_eq!(path, "shapes[2].material.alpha_v");
-    assert_eq!(message, "a roughness beside an image of one");
+    let (path, message) =
+        fails(r#"{ type = "conductor", alpha_u = { image = "even.pfm" }, alpha_v = 0.1, compensate = true }"#);
+    assert_eq!(path, "shapes[2].material.compensate");
+    assert_eq!(message, "compensation of an anisotropic metal");
+    assert_eq!(
+        fails(r#"{ type = "conductor", alpha_v = { image = "bright.pfm" } }"#).0,
+        "shapes[2].material.alpha_v.image"
+    );
     assert_eq!(fails(r#"{ type = "plastic", alpha = { image = "none.pfm" } }"#).0, "shapes[2].material.alpha.image");
 }

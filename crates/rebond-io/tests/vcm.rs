@@ -85,6 +85,19 @@ fn lights_without_extent() {
     agree_on("point-lights", &source, &all, 20.0);
 }
 
+/// Beams from surfaces, some of which meet the lens.
+#[test]
+fn beams_of_some_width() {
+    let source = beams("type = \"thin-lens\"\naperture_radius = 0.5\nfocus_distance = 5");
+    let all = [
+        ("path:max_depth=4", 128),
+        ("vcm:max_depth=4,radius=0.03", 64),
+        ("vcm:max_depth=4,mode=bidirectional", 64),
+        ("photon:progressive=true,photons=4000,radius=0.02,max_depth=4", 64),
+    ];
+    agree_on("beams", &source, &all, 20.0);
+}
+
 /// Parallel rays, an image of the sky, rough metal, instances.
 #[test]
 fn sky() {

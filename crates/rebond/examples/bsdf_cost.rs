@@ -50,6 +50,7 @@ fn models() -> Vec<Row> {
         ("plastic", Model::Plastic, p(&[1.5], 0.3)),
         ("principled, plastic", Model::Principled, p(&[0.0, 0.0, 1.5, 0.04, 0.0, 0.03], 0.3)),
         ("principled, all layers", Model::Principled, layers),
+        ("principled, thin", Model::PrincipledThin, p(&[0.3, 1.5, 0.3, 0.5, 0.5], 0.15)),
     ]
 }
 

@@ -419,7 +419,8 @@ fn texture_sets(value: &serde_json::Value, sets: &mut Vec<u32>) {
     }
 }
 
-/// `KHR_texture_transform` where v grows upwards: scaled, turned counter-clockwise as one sees it, moved.
+/// `KHR_texture_transform` where v grows upwards: scaled, turned counter-clockwise as one sees it (so that the image turns clockwise, as in
+/// the specification's words and example, three.js, Babylon.js and Khronos's own test; its GLSL says otherwise), moved.
 fn uv_map(offset: [f32; 2], rotation: f32, scale: [f32; 2]) -> UvMap {
     let [tx, ty] = offset.map(f64::from);
     let [sx, sy] = scale.map(f64::from);
@@ -460,5 +461,23 @@ fn principled(colored: bool) -> MaterialDescription {
         sheen: 0.0,
         transmission: 0.0,
         ior: 1.5,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The specification's example: "only the lower left quadrant of the source image, rotated clockwise 90°".
+    #[test]
+    fn images_turn_clockwise() {
+        let [row_u, row_v] = uv_map([0.0, 1.0], std::f32::consts::FRAC_PI_2, [0.5, 0.5]);
+        let shown = |[u, v]: [f32; 2]| [row_u, row_v].map(|[a, b, c]| a * u + b * v + c);
+        // Upper left, upper right, lower right and lower left of what wears it, v upwards; and what of the image is there.
+        let corners = [[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]];
+        for (corner, [u, v]) in corners.into_iter().zip([[0.0, 0.0], [0.0, 0.5], [0.5, 0.5], [0.5, 0.0]]) {
+            let found = shown(corner);
+            assert!((found[0] - u).abs() < 1e-6 && (found[1] - v).abs() < 1e-6, "{corner:?}: {found:?} for {u}, {v}");
+        }
     }
 }

@@ -517,6 +517,12 @@ impl Importer<'_> {
         if veiled && width == 4 && numbers.values.iter().skip(3).step_by(4).any(|a| *a != 1.0) {
             self.unsupported(path, "the alpha of colours of vertices")?;
         }
+        let colors = numbers.values.chunks_exact(width).flat_map(|row| &row[..3]);
+        let outside = colors.filter(|x| !(0.0..=1.0).contains(*x)).count();
+        if outside > 0 {
+            let numbers = if outside == 1 { "one number" } else { &*format!("{outside} numbers") };
+            return Err(self.error(path, format!("its COLOR_0 (accessor {accessor}) has {numbers} outside of [0, 1]")));
+        }
         let white = numbers.values.chunks_exact(width).all(|row| row[..3] == [1.0; 3]);
         Ok((!white).then_some(accessor))
     }
@@ -656,7 +662,7 @@ impl Importer<'_> {
         let intensity = self.number(&format!("{pointer}/intensity"))?.unwrap_or(1.0);
         let color = Color(color.map(|c| c * intensity));
         if self.number(&format!("{pointer}/range"))?.is_some() {
-            self.warn(&path, "its range is not heeded: light goes on for ever");
+            self.warn(&path, "its range, which says where light may be left out, is not heeded: it goes on for ever");
         }
         let axis = -m.z_axis.truncate().normalize_or_zero();
         let position = m.w_axis.truncate().as_vec3().to_array();

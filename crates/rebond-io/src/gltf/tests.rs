@@ -466,6 +466,17 @@ fn extensions_that_are_required_are_needed() {
     assert_eq!(lenient(&value).warnings.len(), 1);
 }
 
+/// Colours of vertices outside of [0, 1] are found where they stand: here those of a corner's place.
+#[test]
+fn colours_beyond_white_are_named() {
+    let mut value = square();
+    value["meshes"][0]["name"] = json!("tile");
+    value["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = json!(0);
+    let Err(error) = read(&value) else { panic!("colours below 0") };
+    assert!(error.message.contains("its COLOR_0 (accessor 0) has 4 numbers outside of [0, 1]"), "{error}");
+    assert!(error.message.contains("tile") || error.snippet().contains("tile"), "{}", error.snippet());
+}
+
 #[test]
 fn what_is_only_nearly_the_same_is_said() {
     let warnings = |value: &Value| {

@@ -4,7 +4,7 @@ use super::textures::Lie;
 use super::{Importer, Object, Property, Result, Spot, Use, Value, color, metals};
 use crate::import::free_name;
 use rebond::scene::description::{
-    Color, Distribution, ImageTexture, MaterialDescription, MaterialRef, NumberTexture, Texture,
+    Color, Distribution, ImageTexture, Masking, MaterialDescription, MaterialRef, NumberTexture, Texture,
 };
 use std::rc::Rc;
 
@@ -34,7 +34,7 @@ impl Importer {
         use MaterialDescription as M;
         let description = match o.plugin.as_str() {
             "diffuse" => M::Diffuse { reflectance: self.texture(o, "reflectance", 0.5, lie)? },
-            "conductor" => self.conductor(o, (0.0.into(), None, Distribution::Ggx), lie)?,
+            "conductor" => self.conductor(o, (0.0.into(), [None, None], Distribution::Ggx), lie)?,
             "roughconductor" => {
                 let distribution = self.distribution(o)?;
                 let (alpha, both) = self.roughness(o, lie)?;
@@ -50,15 +50,16 @@ impl Importer {
                     alpha_u: None,
                     alpha_v: None,
                     distribution: Distribution::Ggx,
+                    masking: Masking::Correlated,
                     tint,
                 }
             }
             "roughdielectric" => {
                 let distribution = self.distribution(o)?;
                 let (int_ior, ext_ior) = self.indices(o, "bk7")?;
-                let (alpha, both) = self.roughness(o, lie)?;
-                let (alpha_u, alpha_v) = (both.map(|b| b[0]), both.map(|b| b[1]));
-                M::Dielectric { int_ior, ext_ior, alpha, alpha_u, alpha_v, distribution, tint: self.tint(o, lie)? }
+                let (alpha, [alpha_u, alpha_v]) = self.roughness(o, lie)?;
+                let (masking, tint) = (Masking::Separable, self.tint(o, lie)?);
+                M::Dielectric { int_ior, ext_ior, alpha, alpha_u, alpha_v, distribution, masking, tint }
             }
             "thindielectric" => {
                 let (int_ior, ext_ior) = self.indices(o, "bk7")?;
@@ -66,6 +67,7 @@ impl Importer {
             }
             "plastic" | "roughplastic" => self.plastic(o, lie)?,
             "principled" => self.principled(o, lie)?,
+            "principledthin" => self.principled_thin(o, lie)?,
             "blendbsdf" => {
                 let weight = self.one_number(o, "weight", 0.5)?;
                 let [a, b] = self.two(o, lie)?;
@@ -194,18 +196,19 @@ impl Importer {
     }
 
     /// One α, or one for each direction.
-    fn roughness(&mut self, o: &Object, lie: Lie) -> Result<(NumberTexture, Option<[f32; 2]>)> {
+    fn roughness(&mut self, o: &Object, lie: Lie) -> Result<(NumberTexture, [Option<NumberTexture>; 2])> {
         if o.has("alpha_u") || o.has("alpha_v") {
-            let both = [self.one_number(o, "alpha_u", 0.1)?, self.one_number(o, "alpha_v", 0.1)?];
-            return Ok((both[0].max(SMOOTH).into(), Some(both.map(|a| a.max(SMOOTH)))));
+            let along = self.number_texture(o, "alpha_u", 0.1, SMOOTH, lie)?;
+            let across = self.number_texture(o, "alpha_v", 0.1, SMOOTH, lie)?;
+            return Ok((along.clone(), [Some(along), Some(across)]));
         }
-        Ok((self.number_texture(o, "alpha", 0.1, SMOOTH, lie)?, None))
+        Ok((self.number_texture(o, "alpha", 0.1, SMOOTH, lie)?, [None, None]))
     }
 
     fn conductor(
         &mut self,
         o: &Object,
-        (alpha, both, distribution): (NumberTexture, Option<[f32; 2]>, Distribution),
+        (alpha, [alpha_u, alpha_v], distribution): (NumberTexture, [Option<NumberTexture>; 2], Distribution),
         lie: Lie,
     ) -> Result<MaterialDescription> {
         let tint = self.texture(o, "specular_reflectance", 1.0, lie)?;
@@ -231,7 +234,8 @@ impl Importer {
             }
             (Some((_, at)), ..) => return Err(self.error(&at, "either a material, or eta and k")),
         };
-        if eta == [0.0; 3] && alpha == NumberTexture::Constant(0.0) && both.is_none() {
+        let smooth = alpha == NumberTexture::Constant(0.0) && alpha_u.is_none();
+        if eta == [0.0; 3] && smooth {
             return Ok(MaterialDescription::Mirror { reflectance: tint });
         }
         Ok(MaterialDescription::Conductor {
@@ -239,9 +243,10 @@ impl Importer {
             eta: Some(Color(eta)),
             k: Some(Color(k)),
             alpha,
-            alpha_u: both.map(|b| b[0]),
-            alpha_v: both.map(|b| b[1]),
+            alpha_u,
+            alpha_v,
             distribution,
+            masking: if smooth { Masking::Correlated } else { Masking::Separable },
             tint,
             compensate: false,
         })
@@ -325,6 +330,49 @@ impl Importer {
             sheen,
             transmission,
             ior,
+        })
+    }
+
+    fn principled_thin(&mut self, o: &Object, lie: Lie) -> Result<MaterialDescription> {
+        let base_color = self.texture(o, "base_color", 0.5, lie)?;
+        let roughness = self.number_texture(o, "roughness", 0.5, 0.0, lie)?;
+        let anisotropic = self.one_number(o, "anisotropic", 0.0)?;
+        let transmission = self.one_number(o, "spec_trans", 0.0)?;
+        let ior = self.one_number(o, "eta", 1.5)?;
+        let specular_tint = self.one_number(o, "spec_tint", 0.0)?;
+        let diffuse_transmission = self.one_number(o, "diff_trans", 0.0)? / 2.0;
+        let flatness = self.one_number(o, "flatness", 0.0)?;
+        let sheen = self.one_number(o, "sheen", 0.0)?;
+        let sheen_tint = self.one_number(o, "sheen_tint", 0.0)?;
+        self.passed_over(
+            o,
+            &[
+                "specular_reflectance_sampling_rate",
+                "specular_transmittance_sampling_rate",
+                "diffuse_reflectance_sampling_rate",
+                "diffuse_transmittance_sampling_rate",
+            ],
+        );
+        // Mitsuba wants both directions on their sides of the facet that would reflect one to the mirrored other, so that nothing
+        // that comes from straight above leaves further than 60° from it: more than 0.1 % if α' is above 0.0183.
+        let alpha = roughness.constant().unwrap_or(1.0).powi(2);
+        if transmission > 0.0 && (0.65 * ior - 0.35).powi(2) * alpha > 0.0183 {
+            self.warn(&o.at, "what a rough sheet passes far from straight on, Mitsuba cuts off, and rebond does not");
+        }
+        if alpha / (1.0 - 0.9 * anisotropic).max(0.1).sqrt() > 1.0 {
+            self.warn(&o.at, "along its tangent a sheet is of α = 1 at most here");
+        }
+        Ok(MaterialDescription::PrincipledThin {
+            base_color,
+            roughness,
+            anisotropic,
+            transmission,
+            ior,
+            specular_tint,
+            diffuse_transmission,
+            flatness,
+            sheen,
+            sheen_tint,
         })
     }
 }

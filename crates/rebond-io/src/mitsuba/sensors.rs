@@ -2,8 +2,8 @@
 
 use super::{Importer, Object, Result};
 use glam::{DMat4, DVec3};
-use rebond::film::FilterSettings;
-use rebond::integrators::{DirectSettings, IntegratorSettings, LightSettings, PathSettings};
+use rebond::film::{Aov, FilterSettings};
+use rebond::integrators::{AovSettings, DirectSettings, IntegratorSettings, LightSettings, PathSettings};
 use rebond::sampling::SamplerSettings;
 use rebond::scene::description::{CameraDescription, FovAxis};
 use std::num::NonZeroU32;
@@ -228,26 +228,68 @@ impl Importer {
             }
             "aov" => {
                 let inner = self.children(o, &["integrator"])?;
-                let Some((inner, at)) = inner.first() else {
-                    return self.unsupported(&o.at, "an \"aov\" without an integrator within: path is");
-                };
-                self.passed_over(o, &["aovs", "img"]);
-                self.warn(&o.at, "of an \"aov\" only the picture of the integrator within is rendered");
+                let mut aovs = self.aovs(o)?;
+                // Where Mitsuba puts the picture, in files.
+                self.passed_over(o, &["img", "hide_emitters", "samples_per_pass", "block_size", "timeout"]);
                 self.finish(o)?;
-                return self.within(inner, at, |me| me.integrator(inner));
+                for (_, at) in inner.iter().skip(1) {
+                    self.unsupported(at, "a second integrator of an \"aov\": the first makes the picture")?;
+                }
+                if let Some((inner, at)) = inner.first() {
+                    self.scene.film.aovs = aovs;
+                    return self.within(inner, at, |me| me.integrator(inner));
+                }
+                if aovs.is_empty() {
+                    return Err(self.error(&o.at, "an \"aov\" that shows nothing"));
+                }
+                self.warn(&o.at, "an \"aov\" without an integrator within: the first is the picture");
+                let show = aovs.remove(0);
+                self.scene.film.aovs = aovs;
+                self.places.note("integrator", o.at.part());
+                self.scene.integrator = IntegratorSettings::Aov(AovSettings { show });
+                return Ok(());
             }
+            "depth" => IntegratorSettings::Aov(AovSettings { show: Aov::Depth }),
             _ => return self.unknown_plugin(o),
         };
         self.passed_over(o, &["samples_per_pass", "block_size", "timeout"]);
-        if self.flag(o, "hide_emitters", false)?
+        let hides = self.flag(o, "hide_emitters", false)?;
+        // Depths are those of all there is.
+        self.scene.hide_emitters = hides && !matches!(settings, IntegratorSettings::Aov(_));
+        if hides
+            && matches!(settings, IntegratorSettings::Light(_))
             && let Some(p) = o.get("hide_emitters")
         {
-            self.unsupported(&p.at, "emitters that are not seen by the camera")?;
+            self.warn(
+                &p.at,
+                "hidden emitters are not seen and in the way of nothing; those of a \"ptracer\" are in the way",
+            );
         }
         self.finish(o)?;
         self.places.note("integrator", o.at.part());
         self.scene.integrator = settings;
         Ok(())
+    }
+
+    /// What an "aov" shows, by pairs of a name, which is Mitsuba's for the layer, and what it is.
+    fn aovs(&mut self, o: &Object) -> Result<Vec<Aov>> {
+        let Some((text, at)) = self.text(o, "aovs")? else {
+            return Err(self.error(&o.at, "the \"aovs\" are missing"));
+        };
+        let mut aovs = Vec::new();
+        for pair in text.split([',', ' ']).filter(|pair| !pair.is_empty()) {
+            let Some((_, what)) = pair.split_once(':').filter(|(name, what)| !name.is_empty() && !what.is_empty())
+            else {
+                return Err(self.error(&at, format!("\"{pair}\" is not a name and what it shows, such as dd:depth")));
+            };
+            match Aov::ALL.into_iter().find(|aov| aov.name().replace('-', "_") == what) {
+                Some(aov) if aovs.contains(&aov) => {}
+                Some(aov) => aovs.push(aov),
+                None if MITSUBAS_AOVS.contains(&what) => self.unsupported(&at, format!("the aov \"{what}\""))?,
+                None => return Err(self.error(&at, format!("there is no aov \"{what}\""))),
+            }
+        }
+        Ok(aovs)
     }
 
     fn count(&self, o: &Object, name: &str, default: u32) -> Result<u32> {
@@ -261,6 +303,9 @@ impl Importer {
         }
     }
 }
+
+/// What an "aov" of Mitsuba's may show and rebond does not.
+const MITSUBAS_AOVS: [&str; 5] = ["dp_du", "dp_dv", "duv_dx", "duv_dy", "boundary_test"];
 
 /// The horizontal field of view of one across the diagonal.
 fn across(fov: f64, [w, h]: [u32; 2]) -> f32 {

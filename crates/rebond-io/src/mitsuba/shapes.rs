@@ -5,9 +5,10 @@ use super::{Importer, Object, Result, Spot, Use, color};
 use crate::import::{SIDES, free_name, steps, tube};
 use glam::{DMat4, DVec3};
 use rebond::scene::description::{
-    Color, ImageTexture, InstanceDescription, MaterialDescription, MaterialRef, Mesh, MeshFile, NumberTexture,
-    ShapeDescription, Simple, Sphere, Texture,
+    Color, EmitterDescription, ImageTexture, InstanceDescription, MaterialDescription, MaterialRef, Mesh, MeshFile,
+    NumberTexture, Outline, ShapeDescription, Simple, Sphere, Texture,
 };
+use std::f64::consts::{FRAC_PI_2, PI};
 use std::rc::Rc;
 
 /// What any shape has.
@@ -88,7 +89,14 @@ impl Importer {
         for (inner, at) in self.children(o, &["shape"])? {
             if inner.plugin == "instance" {
                 self.unsupported(&at, "an instance within a shape group")?;
-            } else if let Some(shape) = self.shape(&inner)? {
+                continue;
+            }
+            let lights = self.scene.emitters.len();
+            if let Some(shape) = self.shape(&inner)? {
+                if self.scene.emitters.len() > lights {
+                    self.scene.emitters.truncate(lights);
+                    self.unsupported(&at, "a \"directionalarea\" within a shape group")?;
+                }
                 self.note_shape(&inner, &format!("groups.{name}[{}]", shapes.len()));
                 shapes.push(shape);
             }
@@ -151,15 +159,25 @@ impl Importer {
     fn common(&mut self, o: &Object, lie: Lie) -> Result<Common> {
         // Where a lamp may show an image: rebond's spheres and disks do not.
         let image_lie = (!matches!(o.plugin.as_str(), "sphere" | "disk")).then_some(lie);
-        let shine = match &self.children(o, &["emitter"])?[..] {
+        let emitters = self.children(o, &["emitter"])?;
+        let mut beams = None;
+        let shine = match &emitters[..] {
             [] => None,
+            [(emitter, at)] if emitter.plugin == "directionalarea" => {
+                beams = self.beams(o, emitter, at)?;
+                None
+            }
             [(emitter, at)] => self.shine(emitter, at, image_lie)?,
             _ => return Err(self.error(&o.at, "a shape with several emitters")),
         };
         let inline = |m| MaterialRef::Inline(Box::new(m));
         let material = match &self.children(o, &["bsdf"])?[..] {
             // What shines and is of no material reflects nothing.
-            [] => shine.as_ref().map(|_| inline(MaterialDescription::Diffuse { reflectance: Texture::grey(0.0) })),
+            [] => shine
+                .as_ref()
+                .map(|_| ())
+                .or(beams)
+                .map(|()| inline(MaterialDescription::Diffuse { reflectance: Texture::grey(0.0) })),
             [(bsdf, at)] => Some(self.material(bsdf, at, lie)?),
             _ => return Err(self.error(&o.at, "a shape with several BSDFs")),
         };
@@ -176,6 +194,37 @@ impl Importer {
         }
         self.passed_over(o, &["silhouette_sampling_weight"]);
         Ok(Common { material, emission, matrix: self.transform(o)? })
+    }
+
+    /// The lights of a shape whose points shine along their normals.
+    fn beams(&mut self, o: &Object, emitter: &Rc<Object>, at: &Spot) -> Result<Option<()>> {
+        self.passed_over(emitter, &["sampling_weight"]);
+        let irradiance = self.light(emitter, "radiance")?;
+        self.finish(emitter)?;
+        let inwards = if self.flag(o, "flip_normals", false)? { -1.0 } else { 1.0 };
+        let side = |turn: DMat4, at: f64| turn * DMat4::from_translation(DVec3::Z * at);
+        let sides = match o.plugin.as_str() {
+            "rectangle" | "disk" => vec![DMat4::IDENTITY],
+            "cube" => {
+                let turns = [DMat4::from_rotation_x, DMat4::from_rotation_y];
+                let quarters = [-1.0, 1.0].map(|quarter: f64| quarter * FRAC_PI_2);
+                let four = turns.into_iter().flat_map(|turn| quarters.map(|angle| side(turn(angle), 1.0)));
+                four.chain([side(DMat4::IDENTITY, 1.0), side(DMat4::from_rotation_x(PI), 1.0)]).collect()
+            }
+            _ => {
+                let message = "a \"directionalarea\" of anything but a rectangle, a disk or a cube";
+                self.unsupported(at, message)?;
+                return Ok(None);
+            }
+        };
+        let m = self.transform(o)?;
+        let shape = if o.plugin == "disk" { Outline::Disk } else { Outline::Rectangle };
+        for side in sides {
+            let to_world = steps(m * side * DMat4::from_scale(DVec3::new(1.0, 1.0, inwards)));
+            self.places.note(format!("emitters[{}]", self.scene.emitters.len()), at.part());
+            self.scene.emitters.push(EmitterDescription::DirectionalArea { to_world, shape, irradiance });
+        }
+        Ok(Some(()))
     }
 
     /// The radiance of an area light, which may be an image if it is said how that lies.
@@ -337,12 +386,16 @@ impl Importer {
             }
             M::Mix { a, b, .. } => self.wears_images(a) || self.wears_images(b),
             M::Diffuse { reflectance } | M::Mirror { reflectance } => image(reflectance),
-            M::Dielectric { tint, alpha, .. } | M::Conductor { tint, alpha, .. } => image(tint) || varies(alpha),
+            M::Dielectric { tint, alpha, alpha_u, alpha_v, .. }
+            | M::Conductor { tint, alpha, alpha_u, alpha_v, .. } => {
+                image(tint) || [Some(alpha), alpha_u.as_ref(), alpha_v.as_ref()].into_iter().flatten().any(varies)
+            }
             M::ThinDielectric { tint, .. } => image(tint),
             M::Plastic { diffuse_reflectance, alpha, .. } => image(diffuse_reflectance) || varies(alpha),
             M::Principled { base_color, metallic, roughness, .. } => {
                 image(base_color) || varies(metallic) || varies(roughness)
             }
+            M::PrincipledThin { base_color, roughness, .. } => image(base_color) || varies(roughness),
             M::Phong { .. }
             | M::BlinnPhong { .. }
             | M::OrenNayar { .. }

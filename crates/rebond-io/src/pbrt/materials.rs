@@ -6,7 +6,7 @@ use crate::import::free_name;
 use crate::mitsuba::metals;
 use crate::mitsuba::spectra::{self, Use};
 use rebond::scene::description::{
-    Color, Distribution, MaterialDescription, MaterialRef, Metal, NumberTexture, ShapeDescription, Texture,
+    Color, Distribution, Masking, MaterialDescription, MaterialRef, Metal, NumberTexture, ShapeDescription, Texture,
 };
 use std::collections::BTreeMap;
 
@@ -98,7 +98,7 @@ impl Importer<'_> {
                 two_sided(M::Plastic { diffuse_reflectance, int_ior, ext_ior: 1.0, alpha, nonlinear: true })
             }
             "conductor" => {
-                let (alpha, both) = self.roughness(p, 0.0)?;
+                let (alpha, [alpha_u, alpha_v]) = self.roughness(p, 0.0)?;
                 let (mut eta, mut k) = metals::index("Cu").unwrap_or_default();
                 if p.get("reflectance").is_some() {
                     // With k alone: η = 1, R = k² / (4 + k²).
@@ -123,22 +123,24 @@ impl Importer<'_> {
                     eta: Some(Color(eta)),
                     k: Some(Color(k)),
                     alpha,
-                    alpha_u: both.map(|b| b[0]),
-                    alpha_v: both.map(|b| b[1]),
+                    alpha_u,
+                    alpha_v,
                     distribution: Distribution::Ggx,
+                    masking: Masking::Correlated,
                     tint: Texture::grey(1.0),
                     compensate: false,
                 })
             }
             "dielectric" => {
-                let (alpha, both) = self.roughness(p, 0.0)?;
+                let (alpha, [alpha_u, alpha_v]) = self.roughness(p, 0.0)?;
                 inline(M::Dielectric {
                     int_ior: self.eta(p, 1.5)?,
                     ext_ior: 1.0,
                     alpha,
-                    alpha_u: both.map(|b| b[0]),
-                    alpha_v: both.map(|b| b[1]),
+                    alpha_u,
+                    alpha_v,
                     distribution: Distribution::Ggx,
+                    masking: Masking::Correlated,
                     tint: Texture::grey(1.0),
                 })
             }
@@ -228,20 +230,31 @@ impl Importer<'_> {
     }
 
     /// α, and those along u and v if they are not the same: the root of roughness, unless it is not to be remapped.
-    fn roughness(&mut self, p: &Parameters, default: f64) -> Result<(NumberTexture, Option<[f32; 2]>)> {
+    fn roughness(&mut self, p: &Parameters, default: f64) -> Result<(NumberTexture, [Option<NumberTexture>; 2])> {
         let remap = self.flag(p, "remaproughness", true)?;
-        let image = match ["roughness", "uroughness", "vroughness"].map(|name| p.get(name)) {
-            [Some(both), None, None] => self.number_image(both, remap)?,
-            [_, Some(u), Some(v)] if u.kind == v.kind && u.words == v.words => self.number_image(u, remap)?,
-            _ => None,
+        let both = p.get("roughness");
+        let (u, v) = (p.get("uroughness").or(both), p.get("vroughness").or(both));
+        let mut one = |q: Option<&Parameter>| -> Result<NumberTexture> {
+            let Some(q) = q else { return Ok((default as f32).into()) };
+            if let Some(image) = self.number_image(q, remap)? {
+                return Ok(NumberTexture::Image(image));
+            }
+            let x = self.number_of(p, &q.name, default)?;
+            Ok(if remap { x.max(0.0).sqrt() } else { x }.into())
         };
-        if let Some(image) = image {
-            return Ok((NumberTexture::Image(image), None));
+        let along = one(u)?;
+        if let (Some(u), Some(v)) = (u, v)
+            && u.kind == v.kind
+            && u.words == v.words
+            && u.numbers == v.numbers
+        {
+            return Ok((along, [None, None]));
         }
-        let both = f64::from(self.number_of(p, "roughness", default)?);
-        let (u, v) = (self.number_of(p, "uroughness", both)?, self.number_of(p, "vroughness", both)?);
-        let both = [u, v].map(|x| if remap { x.max(0.0).sqrt() } else { x });
-        Ok((both[0].into(), (both[0] != both[1]).then_some(both)))
+        let across = one(v)?;
+        if along == across {
+            return Ok((along, [None, None]));
+        }
+        Ok((along.clone(), [Some(along), Some(across)]))
     }
 
     fn eta(&mut self, p: &Parameters, default: f64) -> Result<f32> {

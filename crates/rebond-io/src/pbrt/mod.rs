@@ -68,7 +68,8 @@ pub fn read_pbrt(text: &str, file: &str, folder: &Path, options: ImportOptions) 
         cut: 0,
     };
     let filter = FilterSettings::Gaussian { stddev: 0.5, radius: Some(1.5) };
-    importer.scene.film = rebond::scene::description::FilmDescription { width: 1280, height: 720, filter };
+    (importer.scene.film.width, importer.scene.film.height) = (1280, 720);
+    importer.scene.film.filter = filter;
     importer.scene.integrator = path(5);
     importer.run()?;
     Ok(Imported {
@@ -82,6 +83,9 @@ pub fn read_pbrt(text: &str, file: &str, folder: &Path, options: ImportOptions) 
 
 /// What a `.gz` file holds.
 pub fn unpack(bytes: &[u8]) -> Result<Vec<u8>, String> {
+    if !bytes.starts_with(&[0x1f, 0x8b]) {
+        return Err("it is not packed by gzip, though its name ends in .gz".into());
+    }
     let limit = (bytes.len() as u64).saturating_mul(MOST).max(1 << 20);
     let mut out = Vec::new();
     flate2::read::MultiGzDecoder::new(bytes)

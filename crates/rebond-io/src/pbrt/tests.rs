@@ -197,7 +197,7 @@ fn textures_of_numbers_are_numbers() {
     assert!((weight(image, true).expect("a scene") - 0.75).abs() < 1e-5);
 }
 
-/// Images of roughness are images of its root, unless they are to be taken as they are; another for each direction is not to be had.
+/// Images of roughness are images of its root, unless they are to be taken as they are; there may be another for each direction.
 #[test]
 fn roughness_may_be_an_image() {
     let image = r#"Texture "s" "float" "imagemap" "string filename" "holes.png" "float scale" 0.25 Texture "t" "float" "imagemap" "string filename" "holes.png""#;
@@ -227,10 +227,28 @@ fn roughness_may_be_an_image() {
         assert!(black == 16 && texels.iter().all(|x| *x == 0.0 || (x - most).abs() < 1e-6), "{parameters}: {texels:?}");
     }
     assert_eq!(alpha(r#""float roughness" 0.25"#).expect("a scene").0, NumberTexture::Constant(0.5));
-    for parameters in [r#""texture uroughness" "s""#, r#""texture uroughness" "s" "texture vroughness" "t""#] {
-        let error = alpha(parameters).expect_err(parameters);
-        assert_eq!(error.message, "a texture for \"uroughness\": its mean is");
-    }
+    let both = |parameters: &str| {
+        let text = format!("{CAMERA}WorldBegin {image} Material \"dielectric\" {parameters} Shape \"sphere\"");
+        let scene = read_pbrt(&text, "a.pbrt", &folder(), ImportOptions::default())
+            .unwrap_or_else(|e| panic!("{}", e.snippet()));
+        let Some(MaterialDescription::Dielectric { alpha_u: Some(u), alpha_v: Some(v), .. }) =
+            scene.description.materials.values().next()
+        else {
+            panic!("{:?}", scene.description.materials)
+        };
+        // The largest value, and whether it is an image's.
+        [u, v].map(|alpha| match alpha {
+            NumberTexture::Image(t) => {
+                let texels = scene.files.images[&t.image].rgb("").expect("colours");
+                (texels.iter().fold(0.0, |most, t| f32::max(most, t[0])), true)
+            }
+            other => (other.constant().expect("a number"), false),
+        })
+    };
+    assert_eq!(both(r#""texture uroughness" "s" "float vroughness" 0.09"#), [(0.5, true), (0.3, false)]);
+    assert_eq!(both(r#""texture uroughness" "s" "texture vroughness" "t""#), [(0.5, true), (1.0, true)]);
+    assert_eq!(both(r#""texture roughness" "s" "texture vroughness" "t""#), [(0.5, true), (1.0, true)]);
+    assert_eq!(both(r#""texture uroughness" "s""#), [(0.5, true), (0.0, false)]);
 }
 
 /// Images shine on meshes: round shapes become some, and triangles get coordinates.
@@ -311,6 +329,8 @@ fn meshes_of_every_kind() {
     pack("c.pbrt.gz", format!("{CAMERA}WorldBegin Shape \"sphere\"").as_bytes());
     pack("bomb.pbrt.gz", &vec![b' '; 1 << 24]);
     let open = |name: &str| SceneSource::open(&folder.path().join(name).display().to_string());
+    std::fs::write(folder.path().join("plain.pbrt.gz"), "WorldBegin").expect("a file");
+    assert!(open("plain.pbrt.gz").expect_err("no gzip").message.contains("it is not packed by gzip"));
     let scene = open("c.pbrt.gz").unwrap_or_else(|e| panic!("{}", e.snippet()));
     assert_eq!((scene.name.as_str(), scene.description.shapes.len()), ("c", 1));
     assert!(open("bomb.pbrt.gz").expect_err("a bomb").message.contains(bomb));

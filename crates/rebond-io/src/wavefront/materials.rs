@@ -16,7 +16,7 @@ use super::{Importer, two_sided};
 use crate::error::Error;
 use rebond::film::Image;
 use rebond::scene::description::{
-    Color, Distribution, ImageTexture, LobeForm, MaterialDescription, MaterialRef, Texture,
+    Color, Distribution, ImageTexture, LobeForm, Masking, MaterialDescription, MaterialRef, Texture,
 };
 use rebond::texture::{Encoding, SAME_UV, TextureFilter, Wrap};
 
@@ -85,6 +85,7 @@ impl Importer {
                     alpha_u: None,
                     alpha_v: None,
                     distribution: Distribution::Ggx,
+                    masking: Masking::Correlated,
                     tint,
                 },
             });

@@ -182,6 +182,53 @@ pub fn agree_on(name: &str, source: &SceneSource, integrators: &[(&str, u32)], t
     }
 }
 
+/// Beams of some width on a floor, a glossy ball and a mirror, one of them towards the camera, a lamp and a point.
+pub fn beams(camera: &str) -> SceneSource {
+    parse(&format!(
+        r#"
+        film = {{ width = 16, height = 16 }}
+        [camera]
+        {camera}
+        fov = 50
+        to_world.look_at = {{ origin = [0, -4, 3], target = [0, 0, 0.3], up = [0, 0, 1] }}
+        [[shapes]]
+        type = "rectangle"
+        to_world = {{ scale = 4 }}
+        material = {{ type = "diffuse", reflectance = 0.5 }}
+        [[shapes]]
+        type = "sphere"
+        center = [0.3, 0.2, 0.5]
+        radius = 0.5
+        material = {{ type = "conductor", metal = "copper", alpha = 0.3 }}
+        [[shapes]]
+        type = "rectangle"
+        material = {{ type = "diffuse", reflectance = 0.3 }}
+        to_world = [{{ scale = [0.6, 0.4, 1] }}, {{ rotate = {{ axis = [1, 1, 0], angle = 160 }} }}, {{ translate = [-0.6, 0, 2] }}]
+        [[shapes]]
+        type = "disk"
+        emission = [0.5, 0.7, 1]
+        to_world = [{{ scale = 0.3 }}, {{ rotate = {{ axis = [0, 1, 0], angle = 120 }} }}, {{ translate = [-1.5, 0, 1] }}]
+        [[emitters]]
+        type = "directional-area"
+        irradiance = [4, 3, 2]
+        to_world = [{{ scale = [0.6, 0.4, 1] }}, {{ rotate = {{ axis = [1, 1, 0], angle = 160 }} }}, {{ translate = [-0.6, 0, 2] }}]
+        [[emitters]]
+        type = "directional-area"
+        shape = "disk"
+        irradiance = [2, 4, 6]
+        to_world = [{{ scale = [-0.9, 0.5, 1] }}, {{ rotate = {{ axis = [1, 0, 0.2], angle = 170 }} }}, {{ translate = [0.9, 0.4, 2.5] }}]
+        [[emitters]]
+        type = "directional-area"
+        irradiance = 5
+        to_world = [{{ scale = 0.8 }}, {{ look_at = {{ origin = [-1.5, 1.5, 0.6], target = [0, -4, 3], up = [0, 0, 1] }} }}]
+        [[emitters]]
+        type = "point"
+        position = [0.2, -1, 1.8]
+        intensity = 0.5
+        "#
+    ))
+}
+
 /// A coarse ball with the normals of a sphere, in light from everywhere.
 pub fn coarse_ball(material: &str) -> SceneSource {
     let (rings, sides) = (5, 7);
@@ -284,9 +331,12 @@ fn numbers_of(scene: &SceneDescription, material: &MaterialRef, found: &mut BTre
 }
 
 /// A roughness along both tangents.
-fn both_ways(alpha: &mut NumberTexture, along: &mut Option<f32>, across: &mut Option<f32>) {
-    let Some(both) = alpha.constant() else { return };
-    (*along, *across) = (Some(along.unwrap_or(both)), Some(across.unwrap_or(both)));
+fn both_ways(alpha: &mut NumberTexture, along: &mut Option<NumberTexture>, across: &mut Option<NumberTexture>) {
+    if alpha.constant().is_none() {
+        return;
+    }
+    along.get_or_insert_with(|| alpha.clone());
+    across.get_or_insert_with(|| alpha.clone());
     *alpha = 0.0.into();
 }
 

@@ -1,5 +1,4 @@
-//! Beckmann's distribution of facets, whose slopes are Gaussian, with Smith's height-correlated masking (Walter et al. 2007, eq. 25; Heitz
-//! 2014, eq. 68, whose error function is that of Abramowitz and Stegun 1964, 7.1.26):
+//! Beckmann's distribution of facets, whose slopes are Gaussian, and Smith's Λ of them (Walter et al. 2007, eq. 25; Heitz 2014, eq. 68, whose error function is that of Abramowitz and Stegun 1964, 7.1.26):
 //!
 //! ```text
 //! D(h) = exp(−t) / (π αx αy cos⁴θ)        t = ((hx/αx)² + (hy/αy)²) / hz²
@@ -9,38 +8,23 @@
 //! It is drawn as GGX of the same roughness, whose D is 1 / (π αx αy cos⁴θ (1 + t)²): its tails are heavier, so that the
 //! factor between the two, exp(−t) (1 + t)², is 4/e at most. Seen from above the squares of weights come to 5/4 in the mean.
 
-use super::Lobe;
 use super::ggx::Ggx;
 use crate::math::Vec3;
-use rebond_lanes::{Mask, Real, math};
+use rebond_lanes::{Real, math};
 use std::f32::consts::PI;
 
-/// The parameter that tells the distribution of a lobe: 0 for GGX, 1 for this.
-pub const DISTRIBUTION: usize = 8;
-
-/// f of a lobe over that of GGX facets, where `h` is the facet's normal; 1 in lanes whose facets are those of GGX.
+/// D over that of GGX facets.
 #[inline(always)]
-pub fn over_ggx<F: Real>(lobe: &Lobe<F>, ggx: Ggx<F>, a: Vec3<F>, b: Vec3<F>, h: Vec3<F>) -> F {
-    let chosen = lobe.p[DISTRIBUTION].gt(F::zero());
-    if chosen.none() {
-        return F::one();
-    }
-    F::select(chosen, factor(ggx, a, b, h), F::one())
-}
-
-#[inline(never)]
-fn factor<F: Real>(ggx: Ggx<F>, a: Vec3<F>, b: Vec3<F>, h: Vec3<F>) -> F {
+pub fn density_over_ggx<F: Real>(ggx: Ggx<F>, h: Vec3<F>) -> F {
     let (x, y) = (h.x / ggx.ax, h.y / ggx.ay);
     // Beyond, nothing is left of the exponential.
     let t = (x.mul_add(x, y * y) / (h.z * h.z)).min(F::splat(80.0));
-    let density = math::exp(-t) * ((t + 1.0) * (t + 1.0));
-    let masking = (ggx.lambda(a) + ggx.lambda(b) + 1.0) / (lambda(ggx, a) + lambda(ggx, b) + 1.0);
-    density * masking
+    math::exp(-t) * ((t + 1.0) * (t + 1.0))
 }
 
 /// Smith's Λ of facets of these roughnesses.
 #[inline(always)]
-fn lambda<F: Real>(Ggx { ax, ay }: Ggx<F>, w: Vec3<F>) -> F {
+pub fn lambda<F: Real>(Ggx { ax, ay }: Ggx<F>, w: Vec3<F>) -> F {
     let (x, y) = (w.x * ax, w.y * ay);
     let a = (w.z.abs() / x.mul_add(x, y * y).sqrt()).min(F::splat(9.0));
     let t = a.mul_add(F::splat(0.327_591_1), F::one()).recip();

@@ -15,8 +15,10 @@ mod compensated_conductor;
 mod conductor;
 mod dielectric;
 mod diffuse;
+mod facets;
 pub mod fresnel;
 mod ggx;
+pub use facets::{BECKMANN, SEPARABLE};
 pub use ggx::SMOOTH;
 pub mod measured;
 mod mirror;
@@ -24,6 +26,7 @@ mod oren_nayar;
 mod phong;
 mod plastic;
 mod principled;
+mod principled_thin;
 mod rough_conductor;
 mod rough_dielectric;
 mod thin_dielectric;
@@ -114,6 +117,8 @@ pub enum Model {
     CompensatedConductor,
     /// Metal, plastic or glass under sheen and clearcoat.
     Principled,
+    /// A sheet that reflects and passes light, specularly and diffusely.
+    PrincipledThin,
     /// A table over the angles of both directions.
     Angles,
     /// A table over the angles of half vector and difference.
@@ -124,7 +129,7 @@ pub enum Model {
 
 impl Model {
     /// Every model, in the order of their numbers.
-    pub const ALL: [Model; 19] = [
+    pub const ALL: [Model; 20] = [
         Model::Diffuse,
         Model::Mirror,
         Model::Dielectric,
@@ -141,15 +146,20 @@ impl Model {
         Model::Plastic,
         Model::CompensatedConductor,
         Model::Principled,
+        Model::PrincipledThin,
         Model::Angles,
         Model::HalfDifference,
         Model::Adaptive,
     ];
 
     /// What the model claims. The lecture prints its lobes as BRDFs, so they claim what a BRDF must be. Measurements are what
-    /// they are; only the half vector's angles cannot tell the two directions apart.
+    /// they are; only the half vector's angles cannot tell the two directions apart. A principled sheet is as bright as artists
+    /// wanted it.
     pub fn claims(self) -> check::Claims {
-        check::Claims { reciprocity: !matches!(self, Model::Angles | Model::Adaptive), energy: !self.is_measured() }
+        check::Claims {
+            reciprocity: !matches!(self, Model::Angles | Model::Adaptive),
+            energy: !self.is_measured() && self != Model::PrincipledThin,
+        }
     }
 
     /// Whether it reads a table.
@@ -167,7 +177,8 @@ impl Model {
     const TRANSMITS: u32 = 1 << Model::Dielectric as u32
         | 1 << Model::RoughDielectric as u32
         | 1 << Model::ThinDielectric as u32
-        | 1 << Model::Principled as u32;
+        | 1 << Model::Principled as u32
+        | 1 << Model::PrincipledThin as u32;
 
     /// Bit m: model m reflects diffusely.
     const DIFFUSE: u32 = 1 << Model::Diffuse as u32 | 1 << Model::OrenNayar as u32;
@@ -450,6 +461,7 @@ impl<F: Real> Bsdf<'_, F> {
             Model::Plastic => plastic::eval(&self.lobe, a, b),
             Model::CompensatedConductor => compensated_conductor::eval(&self.lobe, a, b),
             Model::Principled => principled::eval(self.lobe, a, b, mode),
+            Model::PrincipledThin => principled_thin::eval(self.lobe, a, b),
             Model::Angles | Model::HalfDifference | Model::Adaptive => {
                 self.tables.eval(model, self.lobe.p[0], a, b, mode)
             }
@@ -487,6 +499,7 @@ impl<F: Real> Bsdf<'_, F> {
                 Model::Plastic => plastic::sample(&self.lobe, a, u, choice()),
                 Model::CompensatedConductor => compensated_conductor::sample(&self.lobe, a, u, choice()),
                 Model::Principled => principled::sample(self.lobe, a, u, choice(), mode),
+                Model::PrincipledThin => principled_thin::sample(self.lobe, a, u, choice()),
                 Model::Angles | Model::HalfDifference | Model::Adaptive => {
                     self.tables.sample(model, self.lobe.p[0], a, u, choice(), mode)
                 }
@@ -532,6 +545,7 @@ impl Bsdf<'_, f32> {
             | Model::HalfDifference
             | Model::Adaptive => false,
             Model::Principled => self.lobe.p[1] > 0.0 && self.lobe.p[0] < 1.0,
+            Model::PrincipledThin => self.lobe.p[0] > 0.0 || self.lobe.p[2] > 0.0,
         }
     }
 

@@ -1,9 +1,9 @@
 //! GGX glass (Walter et al. 2007, eqs. 20 and 21). `p[0]` is the index of the inside over the outside, `p[6]` and `p[7]`
-//! are αx and αy, `p[8]` is 1 for facets of [Beckmann's distribution](super::beckmann); `color` tints.
-//! What leaves a facet for another is lost, on either side.
+//! are αx and αy, `p[8]` tells [other facets](super::facets); `color` tints. What leaves a facet for another is lost, on
+//! either side.
 
 use super::ggx::Ggx;
-use super::{BsdfSample, BsdfValue, Lobe, TransportMode, beckmann, fresnel, reflect_about};
+use super::{BsdfSample, BsdfValue, Lobe, TransportMode, facets, fresnel, reflect_about};
 use crate::math::{Rgb, Vec3, vec3};
 use crate::sampling::PdfSolidAngle;
 use rebond_lanes::{Mask, Real};
@@ -64,7 +64,7 @@ pub fn eval<F: Real>(lobe: &Lobe<F>, a: Vec3<F>, b: Vec3<F>, mode: TransportMode
     let reflectance = F::select(reflects, above, below);
     let (d, la) = (side.ggx.d(h), side.ggx.lambda(a));
     let lb = side.ggx.lambda(vec3(b.x, b.y, b.z.abs()));
-    let other = beckmann::over_ggx(lobe, side.ggx, a, b, h);
+    let other = facets::over_ggx(lobe, side.ggx, a, b, h);
     let facets = d * a_h / a.z; // × G1 is the density of visible normals, × G2 / |b_z| the value
     // η² |b·h| / (a·h + η b·h)², of which the sum is ±1 times the length, over η seen from within.
     let refracts = b_h.abs() * F::select(side.outside, eta * eta, F::one()) / (length * length);
@@ -91,7 +91,7 @@ pub fn sample<F: Real>(lobe: &Lobe<F>, a: Vec3<F>, u: [F; 2], choice: F, mode: T
     let la = side.ggx.lambda(a);
     let lb = side.ggx.lambda(vec3(b.x, b.y, b.z.abs()));
     let weight = (la + 1.0) / (la + lb + 1.0) * F::select(reflects, F::one(), squeeze(side.eta, mode));
-    let weight = weight * beckmann::over_ggx(lobe, side.ggx, a, b, h);
+    let weight = weight * facets::over_ggx(lobe, side.ggx, a, b, h);
     let facets = side.ggx.d(h) * a_h / (a.z * (la + 1.0));
     let jacobian = F::select(reflects, (a_h * 4.0).recip(), side.jacobian(a_h, b.dot(h)));
     let pdf = facets * jacobian * F::select(reflects, reflectance, F::one() - reflectance);

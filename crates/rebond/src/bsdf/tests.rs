@@ -14,10 +14,11 @@ fn lobe(p: [f32; PARAMETERS]) -> Lobe<f32> {
 fn models() -> Vec<(&'static str, Model, [f32; PARAMETERS])> {
     let metal = |ax, ay| [0.143, 0.375, 1.442, 3.983, 2.386, 1.603, ax, ay, 0.0];
     let glass = |eta, ax, ay| [eta, 0.0, 0.0, 0.0, 0.0, 0.0, ax, ay, 0.0];
-    let beckmann = |mut p: [f32; PARAMETERS]| {
-        p[beckmann::DISTRIBUTION] = 1.0;
+    let of = |kind: f32, mut p: [f32; PARAMETERS]| {
+        p[facets::KIND] = kind;
         p
     };
+    let beckmann = |p| of(BECKMANN, p);
     let r = |r| [r, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
     let ashikhmin = |rs, nu, nv| [rs, rs, rs * 0.5, nu, nv, 0.0, 0.0, 0.0, 0.0];
     let plastic = |eta, nonlinear, alpha| [eta, nonlinear, 0.0, 0.0, 0.0, 0.0, alpha, 0.0, 0.0];
@@ -39,6 +40,11 @@ fn models() -> Vec<(&'static str, Model, [f32; PARAMETERS])> {
         ("Beckmann's brushed gold", Model::RoughConductor, beckmann(metal(0.5, 0.15))),
         ("Beckmann's glass", Model::RoughDielectric, beckmann(glass(1.5, 0.3, 0.3))),
         ("Beckmann's brushed glass", Model::RoughDielectric, beckmann(glass(1.33, 0.6, 0.2))),
+        ("separable gold", Model::RoughConductor, of(SEPARABLE, metal(0.9, 0.9))),
+        ("separable brushed gold", Model::RoughConductor, of(SEPARABLE, metal(0.5, 0.15))),
+        ("Beckmann's separable gold", Model::RoughConductor, of(BECKMANN + SEPARABLE, metal(0.7, 0.7))),
+        ("separable glass", Model::RoughDielectric, of(SEPARABLE, glass(1.5, 0.8, 0.8))),
+        ("Beckmann's separable glass", Model::RoughDielectric, of(BECKMANN + SEPARABLE, glass(1.33, 0.6, 0.2))),
         ("phong 60", Model::Phong, r(60.0)),
         ("phong 3", Model::Phong, r(3.0)),
         ("phong 300", Model::Phong, r(300.0)),
@@ -80,6 +86,12 @@ fn models() -> Vec<(&'static str, Model, [f32; PARAMETERS])> {
         ("principled varnish", Model::Principled, [0.3, 0.0, 1.5, 0.04, 1.0, 0.01, 0.25, 0.25, 0.0]),
         ("principled cloth", Model::Principled, [0.0, 0.0, 1.5, 0.04, 0.0, 0.03, 0.9, 0.9, 1.0]),
         ("principled all at once", Model::Principled, [0.3, 0.4, 1.6, 0.06, 0.7, 0.1, 0.15, 0.5, 0.6]),
+        // share of glass, η, share that passes, flatness, sheen, tint, αx, αy, tint of the sheen
+        ("thin glass", Model::PrincipledThin, [1.0, 1.5, 0.0, 0.0, 0.0, 0.0, 0.2, 0.2, 0.0]),
+        ("thin brushed glass", Model::PrincipledThin, [1.0, 1.8, 0.0, 0.0, 0.0, 1.0, 0.6, 0.2, 0.0]),
+        ("leaf", Model::PrincipledThin, [0.3, 1.5, 0.6, 0.7, 0.8, 0.2, 0.36, 0.36, 0.5]),
+        ("paper", Model::PrincipledThin, [0.0, 1.5, 0.3, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0]),
+        ("cloth", Model::PrincipledThin, [0.0, 1.5, 0.0, 0.0, 1.0, 0.0, 0.64, 0.64, 1.0]),
     ]
 }
 
@@ -114,7 +126,7 @@ pub fn quadrature(f: impl Fn(Vec3<f32>) -> f64) -> f64 {
     sum * PI * TAU / f64::from(rows * columns)
 }
 
-fn material(model: Model, p: [f32; PARAMETERS], color: [f32; 3]) -> Material {
+pub fn material(model: Model, p: [f32; PARAMETERS], color: [f32; 3]) -> Material {
     let mut bsdf = bsdf(model, p);
     bsdf.lobe.color = Rgb::splat(color);
     Material::new(vec![(1.0, bsdf)])
@@ -216,6 +228,11 @@ fn every_model_is_what_it_claims() {
             Model::PhongLecture | Model::BlinnPhongLecture => {
                 assert!(!report.conserves_energy() && !report.holds(), "{name}: {:?}", report.energy.largest);
                 assert_eq!(report.is_reciprocal(), model == Model::BlinnPhongLecture, "{name}");
+            }
+            // What it may give back too much, and what not, is told below.
+            Model::PrincipledThin => {
+                assert!(report.is_reciprocal(), "{name}: {:?}", report.reciprocity);
+                assert_eq!(report.claims, check::Claims { reciprocity: true, energy: false }, "{name}");
             }
             _ => {
                 assert!(report.is_reciprocal(), "{name}: {:?}", report.reciprocity);
@@ -460,6 +477,120 @@ fn principled_has_its_limits() {
         ] {
             for channel in 0..3 {
                 assert!((x[channel] - y[channel]).abs() <= 1e-5 * y[channel].max(1e-3), "{b:?}: {x:?} for {y:?}");
+            }
+        }
+    }
+}
+
+/// What sheets reflect and pass where it is known.
+#[test]
+fn thin_sheets_have_their_limits() {
+    let sheet = |p, color| material(Model::PrincipledThin, p, color);
+    let thetas: [f64; 7] = [0.0, 30.0, 60.0, 80.0, 88.0, 120.0, 150.0];
+    let schlick = |theta: f64| (1.0 - theta.to_radians().cos().abs()).powi(5);
+    let albedo = |m: &Material, theta: f64| m.albedo(Angles { theta, phi: 20.0 }, TransportMode::Radiance, 60_000, 9);
+    // Smooth and diffuse: (1 − f(θ)/2)(1 − f(θ')/2) c/π; the mean of (1 − cosθ)⁵ by the cosine is 1/21.
+    let smooth = sheet([0.0, 1.5, 0.0, 0.0, 0.0, 0.0, SMOOTH, SMOOTH, 0.0], [0.8; 3]);
+    // All passes: Lambert's, on the other side.
+    let passes = sheet([0.0, 1.5, 1.0, 0.5, 1.0, 1.0, 0.3, 0.3, 0.0], [1.0; 3]);
+    // Glass that is nearly smooth: Fresnel's part is reflected, the rest passes straight on.
+    let glass = sheet([1.0, 1.5, 0.0, 0.0, 0.0, 0.0, SMOOTH, SMOOTH, 0.0], [0.5; 3]);
+    for theta in thetas {
+        let cos = theta.to_radians().cos().abs();
+        let a = albedo(&smooth, theta);
+        let exact = 0.8 * (1.0 - schlick(theta) / 2.0) * (1.0 - 1.0 / 42.0);
+        assert!((a.mean - exact).abs() < 5.0 * a.error + 1e-4, "smooth: {a:?} for {exact}");
+        let a = albedo(&passes, theta);
+        assert!((a.mean - 1.0).abs() < 5.0 * a.error + 1e-4, "all passes: {a:?}");
+        let f = f64::from(fresnel::dielectric(cos as f32, 1.5).0);
+        let a = albedo(&glass, theta);
+        assert!((a.mean - (f + 0.5 * (1.0 - f))).abs() < 5.0 * a.error + 3e-3, "glass: {a:?}, {f} reflected");
+    }
+    // Rough glass, untinted: no more than it gets.
+    for alpha in [0.05, 0.3, 1.0] {
+        let glass = sheet([1.0, 1.5, 0.0, 0.0, 0.0, 0.0, alpha, alpha, 0.0], [1.0; 3]);
+        for theta in [0.0, 30.0, 60.0, 80.0, 88.0, 89.5] {
+            let a = albedo(&glass, theta);
+            assert!(a.mean < 1.0 + 5.0 * a.error, "rough glass {alpha}: {a:?}");
+        }
+    }
+    // The roughest sheet, from straight above: 1 + (½ + cosθ')(1 − cosθ')⁵ over π, a polynomial whose integral is 29/28.
+    let rough = sheet([0.0, 1.5, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0], [1.0; 3]);
+    let a = albedo(&rough, 0.0);
+    assert!((a.mean - 29.0 / 28.0).abs() < 5.0 * a.error + 1e-4, "{a:?}");
+}
+
+/// Red and blue of Mitsuba 3.9.1's `principledthin`, over the cosine.
+#[test]
+fn thin_sheets_are_those_of_mitsuba() {
+    let pairs = [
+        ((40.0, 30.0), (55.0, 200.0)),
+        ((70.0, 100.0), (20.0, 310.0)),
+        ((25.0, 250.0), (150.0, 80.0)),
+        ((130.0, 10.0), (120.0, 170.0)),
+        ((62.0, 0.0), (100.0, 175.0)),
+    ];
+    // α of a roughness, and of an anisotropy.
+    let alpha = |r: f32, anisotropic: f32| {
+        let aspect = (1.0 - 0.9 * anisotropic).sqrt();
+        [r * r / aspect, r * r * aspect]
+    };
+    let [ax, ay] = alpha(0.15, 0.5);
+    let [bx, by] = alpha(0.4, 0.8);
+    let sheets = [
+        (
+            [0.8, 1.33, 0.15, 0.0, 0.0, 0.1, ax, ay, 0.0],
+            [0.7, 0.1, 0.1],
+            [
+                [0.04753257, 0.01367759],
+                [0.03629443, 0.005198856],
+                [0.06432283, 0.009188977],
+                [0.03769089, 0.00565393],
+                [0.01548521, 0.002212172],
+            ],
+        ),
+        (
+            [0.4, 1.5, 0.6, 0.7, 0.8, 0.0, 0.36, 0.36, 0.5],
+            [0.2, 0.5, 0.8],
+            [
+                [0.03493622, 0.07896299],
+                [0.02024602, 0.06475813],
+                [0.2975914, 1.190366],
+                [0.03938409, 0.08919451],
+                [0.3417004, 1.366802],
+            ],
+        ),
+        (
+            [0.0, 1.5, 0.3, 0.3, 0.3, 0.0, 1.0, 1.0, 0.0],
+            [0.9, 0.8, 0.3],
+            [
+                [0.1979579, 0.06646652],
+                [0.2075525, 0.06941592],
+                [0.08594367, 0.02864789],
+                [0.2089426, 0.0712546],
+                [0.08594367, 0.02864789],
+            ],
+        ),
+        (
+            [1.0, 1.8, 0.0, 0.0, 0.0, 1.0, bx, by, 0.0],
+            [0.9, 0.8, 0.3],
+            [
+                [0.3447518, 0.1230771],
+                [0.0009865637, 0.0003403067],
+                [1.98087, 0.66029],
+                [0.01123951, 0.004573745],
+                [0.9785262, 0.3261755],
+            ],
+        ),
+    ];
+    for (p, color, values) in sheets {
+        let sheet = material(Model::PrincipledThin, p, color);
+        for ((a, b), [red, blue]) in pairs.into_iter().zip(values) {
+            let direction = |(theta, phi): (f64, f64)| Angles { theta, phi }.direction();
+            let (f, _) = sheet.eval(direction(a), direction(b), TransportMode::Radiance);
+            for (found, theirs) in [(f[0], red), (f[2], blue)] {
+                // Both know luminance to three digits.
+                assert!((found / theirs - 1.0_f32).abs() < 1e-3, "{p:?} {a:?} {b:?}: {found} for {theirs}");
             }
         }
     }

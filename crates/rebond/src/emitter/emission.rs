@@ -7,11 +7,12 @@
 //! | spot | – | uniform over its cone |
 //! | projector | – | as its image's `sample` draws it |
 //! | directional | uniform over a disk across the beam, as large as the scene, 1/πR² | – |
-//! | environment | the same | as [`Environment::sample`](super::Environment::sample) draws it |
+//! | directional-area | uniform by area, 1/A | – |
+//! | environment | as directional | as [`Environment::sample`](super::Environment::sample) draws it |
 //!
 //! What starts infinitely far starts from the disk that touches the sphere around the scene.
 
-use super::{Emitters, KINDS, Kind, POINT_ERROR, UNHITTABLE, point_of_sphere};
+use super::{Emitters, KINDS, Kind, UNHITTABLE, point_of_sphere};
 use crate::math::{Frame, Rgb, Vec3, offset_from_surface};
 use crate::sampling::warp::{
     cosine_hemisphere, cosine_hemisphere_pdf, uniform_cone, uniform_cone_pdf, uniform_disk, uniform_sphere,
@@ -142,6 +143,12 @@ impl Emitters {
         self.are::<F>(emitter, &[Kind::Directional, Kind::Environment])
     }
 
+    /// Lanes whose emitter shines in parallel rays, so that distance does not count, or is infinitely far.
+    #[inline(always)]
+    pub fn is_parallel<F: Real>(&self, emitter: F::Index) -> F::Mask {
+        self.are::<F>(emitter, &[Kind::Directional, Kind::DirectionalArea, Kind::Environment])
+    }
+
     /// Lanes whose emitter a ray can find.
     #[inline(always)]
     pub fn is_hittable<F: Real>(&self, emitter: F::Index) -> F::Mask {
@@ -167,9 +174,8 @@ impl Emitters {
         let flat = |[a, b]: [F; 2]| {
             let flat = self.flat(emitter, time);
             let [e1, e2] = flat.edges;
-            let error = (flat.p0.max_abs() + e1.max_abs() + e2.max_abs()) * POINT_ERROR;
             let o = e1.mul_add(a, e2.mul_add(b, flat.p0));
-            Emission::of_surface(o, error, flat.normal, value, flat.density, direction)
+            Emission::of_surface(o, flat.error(), flat.normal, value, flat.density, direction)
         };
         let mut emission = Emission::none();
         self.each_kind::<F>(emitter, mask, |kind, lanes| {
@@ -203,6 +209,14 @@ impl Emitters {
                 Kind::Directional => {
                     let d = -Vec3::of_record(self.record::<F>(emitter, 1));
                     self.beam(d, position, value, PdfSolidAngle(F::one()))
+                }
+                Kind::DirectionalArea => {
+                    let (flat, round) = self.flat_beam(emitter, time);
+                    let disk = uniform_disk(position);
+                    let [a, b] = [0, 1].map(|i| F::select(round, disk[i], position[i]));
+                    let o = flat.edges[0].mul_add(a, flat.edges[1].mul_add(b, flat.p0));
+                    let (pdf, weight) = (EmissionPdf::new(flat.density, F::one()), value * flat.density.recip());
+                    Emission { o, error: flat.error(), normal: flat.normal, d: flat.normal, weight, pdf }
                 }
                 Kind::Environment => {
                     let drawn = self.sample_environment(emitter, direction, lanes);
@@ -281,6 +295,7 @@ impl Emitters {
                     EmissionPdf::new(F::one(), direction)
                 }
                 Kind::Directional => EmissionPdf { position: self.disk_pdf(), direction: PdfSolidAngle(F::one()) },
+                Kind::DirectionalArea => EmissionPdf::new(self.flat(emitter, time).density, F::one()),
                 Kind::Environment => {
                     let direction = self.environments.iter().fold(F::zero(), |found, (number, environment)| {
                         F::select(emitter.eq(F::Index::splat(*number)), environment.eval(-d).1.0, found)
@@ -336,6 +351,8 @@ mod tests {
             Emitter::Directional { direction: normal, irradiance: RADIANCE },
             Emitter::Environment { number: 0, mean: [0.4; 3] },
             Emitter::Projector { number: 0, position: V::ONE, cone: slide().cone(), power: slide().power() },
+            Emitter::DirectionalArea { p, round: false, irradiance: RADIANCE },
+            Emitter::DirectionalArea { p, round: true, irradiance: RADIANCE },
         ]
     }
 
@@ -401,6 +418,10 @@ mod tests {
         };
         chi2_square("triangle", |u| along(o(0, u)), |[x, y]| if x + y < 1.0 { 2.0 } else { 0.0 });
         chi2_square("parallelogram", |u| along(o(1, u)), |_| 1.0);
+        chi2_square("square beam", |u| along(o(11, u)), |_| 1.0);
+        let in_ellipse = |[x, y]: [f32; 2]| if x * x + y * y < 1.0 { 4.0 / PI } else { 0.0 };
+        // By quarters, which are alike.
+        chi2_square("round beam", |u| along(o(12, u)).map(f32::abs), in_ellipse);
         let disk = |[x, y]: [f32; 2]| if (x - 0.5).powi(2) + (y - 0.5).powi(2) < 0.25 { 4.0 / PI } else { 0.0 };
         let (s, t) = normal.any_orthonormal_pair();
         let in_plane = |x: V, radius: f32| [x.dot(s), x.dot(t)].map(|c| c / (2.0 * radius) + 0.5);
@@ -478,6 +499,28 @@ mod tests {
         }
     }
 
+    /// A point before a beam is in the light of the point where a ray that goes there starts; others are in none.
+    #[test]
+    fn beams_light_what_they_meet() {
+        let table = table();
+        for emitter in [11, 12] {
+            let normal = emit(&table, emitter, [0.5; 2], [0.5; 2]).d;
+            let at =
+                |p: Vec3<f32>| table.sample(Index1(emitter), p, 0.0, super::super::LightSampling::Area, [0.5; 2], true);
+            for u in seeded_pairs(1000, 7) {
+                let e = emit(&table, emitter, u, [0.5; 2]);
+                let sample = at(e.o + e.d * 1.7);
+                assert_eq!((sample.weight.lane(0), sample.pdf.0), (RADIANCE, 0.0));
+                assert!((sample.point - e.o).length() < 1e-5 && (sample.wi + normal).length() < 1e-6);
+                assert!(!at(e.o - e.d * 0.1).weight.is_lit(), "from behind");
+                // Farther out by as much as the whole is wide.
+                let center = emit(&table, emitter, [0.5; 2], [0.5; 2]).o;
+                let beside = center + (e.o - center) * (4.0 / (e.o - center).length()) + e.d;
+                assert!(!at(beside).weight.is_lit(), "beside it");
+            }
+        }
+    }
+
     /// What moves shines from where it is, with the densities of its size then: a moved table against emitters that stand there.
     #[test]
     fn what_moves_shines_from_where_it_is() {
@@ -544,7 +587,7 @@ mod tests {
         for seed in 0..20 {
             let (u, v): (Vec<_>, Vec<_>) = (seeded_pairs(16, seed).collect(), seeded_pairs(16, seed + 50).collect());
             let numbers =
-                (0..16).fold(<F32x16 as Real>::Index::splat(0), |n, i| n.with_lane(i, (i as u32 * 7 + 3) % 11));
+                (0..16).fold(<F32x16 as Real>::Index::splat(0), |n, i| n.with_lane(i, (i as u32 * 7 + 3) % 13));
             let all = Mask::splat(true);
             let wide = table.emit(numbers, F32x16::zero(), [of(&u, 0), of(&u, 1)], [of(&v, 0), of(&v, 1)], all);
             let again = table.emission_pdf(numbers, F32x16::zero(), wide.normal, wide.d, all);

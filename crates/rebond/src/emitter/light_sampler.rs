@@ -37,7 +37,7 @@ enum Choice {
     Tree(Box<Apart>),
 }
 
-/// Emitters that have a place, and those that are infinitely far.
+/// Emitters that have a place, and those that are infinitely far, or whose light does not grow with nearness.
 #[derive(Clone, Debug)]
 struct Apart {
     placed: Placed,
@@ -74,7 +74,10 @@ impl LightSampler {
         if !power.iter().all(|p| p.is_finite()) {
             return None;
         }
-        let placed = |e: &Emitter| !matches!(e, Emitter::Directional { .. } | Emitter::Environment { .. });
+        let placed = |e: &Emitter| {
+            use Emitter::{Directional, DirectionalArea, Environment};
+            !matches!(e, Directional { .. } | DirectionalArea { .. } | Environment { .. })
+        };
         let few = emitters.iter().filter(|e| placed(e)).count() < TREE_FROM;
         let lights = match choice {
             Some(LightChoice::Power) => vec![],

@@ -67,7 +67,7 @@ pub(super) struct Light {
 }
 
 impl Light {
-    /// `None` for emitters that are infinitely far. The intensity is relative to `unit`.
+    /// `None` for emitters that are infinitely far, or shine as if they were. The intensity is relative to `unit`.
     fn new(number: u32, emitter: &Emitter, unit: f64) -> Option<Self> {
         let flat = |corners: [V; 4], normal: V, reach: f32| (corners, reach, normal, [0.0, FRAC_PI_2], PI);
         let round = |center: V, reach: f32| ([center; 4], reach, V::Z, [PI, FRAC_PI_2], 4.0 * PI);
@@ -89,7 +89,7 @@ impl Light {
                 // As if it shone alike into all of its cone.
                 ([position; 4], 0.0, axis, [angle, 0.0], 2.0 * PI * (1.0 - angle.cos()).max(1e-6))
             }
-            Emitter::Directional { .. } | Emitter::Environment { .. } => return None,
+            Emitter::Directional { .. } | Emitter::DirectionalArea { .. } | Emitter::Environment { .. } => return None,
         };
         // Along the normal or axis. The bounds keep what is weakest well within f32.
         let intensity = (importance(emitter, 0.0) / f64::from(solid_angle) / unit).clamp(1e-20, 1e20) as f32;

@@ -119,6 +119,15 @@ pub enum Emitter {
         /// Irradiance.
         irradiance: [f32; 3],
     },
+    /// Parallel light from a surface, to the side and along its normal; as such it is met by no ray.
+    DirectionalArea {
+        /// A corner of a parallelogram and the edges from it, or the centre and half axes of an ellipse.
+        p: [V; 3],
+        /// Whether it is the ellipse.
+        round: bool,
+        /// Irradiance.
+        irradiance: [f32; 3],
+    },
     /// The surroundings, of this number in [`Emitters::environments`].
     Environment {
         /// Which.
@@ -139,10 +148,11 @@ enum Kind {
     Spot,
     Projector,
     Directional,
+    DirectionalArea,
     Environment,
 }
 
-const KINDS: [Kind; 9] = [
+const KINDS: [Kind; 10] = [
     Kind::Triangle,
     Kind::Parallelogram,
     Kind::Sphere,
@@ -151,11 +161,12 @@ const KINDS: [Kind; 9] = [
     Kind::Spot,
     Kind::Projector,
     Kind::Directional,
+    Kind::DirectionalArea,
     Kind::Environment,
 ];
 
 /// Points and beams.
-const UNHITTABLE: [Kind; 4] = [Kind::Point, Kind::Spot, Kind::Projector, Kind::Directional];
+const UNHITTABLE: [Kind; 5] = [Kind::Point, Kind::Spot, Kind::Projector, Kind::Directional, Kind::DirectionalArea];
 
 const RECORDS: u32 = 5;
 
@@ -183,6 +194,9 @@ impl Emitter {
             }
             Self::Projector { power, .. } => (power, 1.0),
             Self::Directional { irradiance, .. } => (irradiance, disk),
+            Self::DirectionalArea { p: [_, a, b], round, irradiance } => {
+                (irradiance, if round { PI * area(a, b) } else { area(a, b) })
+            }
             Self::Environment { mean, .. } => (mean, 4.0 * PI * disk),
         };
         c.map(|c| if c == 0.0 { 0.0 } else { f64::from(c) * factor })
@@ -207,7 +221,10 @@ impl Emitter {
             Self::Parallelogram { p: [p, a, b], .. } => (vec![p, p + a, p + b, p + a + b], 0.0),
             Self::Sphere { center, radius, .. } | Self::Disk { center, radius, .. } => (vec![center], radius),
             Self::Point { position, .. } | Self::Spot { position, .. } => (vec![position], 0.0),
-            Self::Projector { .. } | Self::Directional { .. } | Self::Environment { .. } => return *self,
+            Self::Projector { .. }
+            | Self::Directional { .. }
+            | Self::DirectionalArea { .. }
+            | Self::Environment { .. } => return *self,
         };
         let (mut lo, mut hi) = (V::INFINITY, V::NEG_INFINITY);
         for (_, rows) in motion {
@@ -310,6 +327,17 @@ impl Emitter {
             }
             Self::Directional { direction, irradiance } => {
                 [word(irradiance, Kind::Directional), with(-direction, 0.0), none, none, none]
+            }
+            Self::DirectionalArea { p: [p, a, b], round, irradiance } => {
+                let n = area_vector(a, b);
+                let area = n.length() * if round { std::f64::consts::PI } else { 1.0 };
+                [
+                    word(irradiance, Kind::DirectionalArea),
+                    with(p, (1.0 / area) as f32),
+                    with(a, 0.0),
+                    with(b, 0.0),
+                    with(n.normalize().as_vec3(), if round { 1.0 } else { 0.0 }),
+                ]
             }
             Self::Environment { number, mean } => {
                 [word(mean, Kind::Environment), Record::words([number, 0, 0, 0]), none, none, none]
@@ -672,6 +700,7 @@ impl Emitters {
                     infinite: F::Mask::splat(true),
                     ..EmitterSample::none()
                 },
+                Kind::DirectionalArea => self.sample_directional_area(emitter, p, time, value),
                 Kind::Environment => self.sample_environment(emitter, u, lanes),
             };
             sample = if single { s } else { EmitterSample::select(lanes, s, sample) };
@@ -688,8 +717,7 @@ impl Emitters {
     fn sample_flat<F: Real>(flat: &Flat<F>, p: Vec3<F>, radiance: Rgb<F>, b: [F; 2]) -> EmitterSample<F> {
         let (p0, [e1, e2]) = (flat.p0, flat.edges);
         let point = e1.mul_add(b[0], e2.mul_add(b[1], p0));
-        let error = (p0.max_abs() + e1.max_abs() + e2.max_abs()) * POINT_ERROR;
-        Self::from_surface_point(p, point, flat.normal, error, radiance, PdfArea(flat.density))
+        Self::from_surface_point(p, point, flat.normal, flat.error(), radiance, PdfArea(flat.density))
     }
 
     /// A point of a triangle or a parallelogram, uniform by solid angle where that can be computed.
@@ -824,6 +852,38 @@ impl Emitters {
         sample
     }
 
+    /// A point is in the light of the one point that it lies before.
+    #[inline(never)]
+    fn sample_directional_area<F: Real>(
+        &self,
+        emitter: F::Index,
+        p: Vec3<F>,
+        time: F,
+        irradiance: Rgb<F>,
+    ) -> EmitterSample<F> {
+        let (flat, round) = self.flat_beam(emitter, time);
+        let (n, [e1, e2], from) = (flat.normal, flat.edges, p - flat.p0);
+        let per_area = flat.density * F::select(round, F::splat(PI), F::one());
+        let (x, y) = (from.cross(e2).dot(n) * per_area, e1.cross(from).dot(n) * per_area);
+        let within = |x: F| x.ge(F::zero()) & x.le(F::one());
+        let (circle, square) = ((x * x + y * y).le(F::one()), within(x) & within(y));
+        let inside = (round & circle) | square.and_not(round);
+        EmitterSample {
+            wi: -n,
+            point: e1.mul_add(x, e2.mul_add(y, flat.p0)),
+            error: flat.error(),
+            normal: n,
+            weight: irradiance.masked(inside & from.dot(n).gt(F::zero())),
+            ..EmitterSample::none()
+        }
+    }
+
+    /// The surface of a beam, and whether it is round.
+    #[inline(always)]
+    fn flat_beam<F: Real>(&self, emitter: F::Index, time: F) -> (Flat<F>, F::Mask) {
+        (self.flat(emitter, time), self.record::<F>(emitter, 4)[3].gt(F::zero()))
+    }
+
     #[inline(always)]
     fn sample_environment<F: Real>(&self, emitter: F::Index, u: [F; 2], mask: F::Mask) -> EmitterSample<F> {
         let mut sample = EmitterSample::none();
@@ -886,6 +946,12 @@ impl Emitters {
 }
 
 impl<F: Real> Flat<F> {
+    /// Bound of the error of its points, per axis.
+    #[inline(always)]
+    fn error(&self) -> F {
+        (self.p0.max_abs() + self.edges[0].max_abs() + self.edges[1].max_abs()) * POINT_ERROR
+    }
+
     /// The same emitter as its motion takes it along in some lanes. The area grows as the product of the edges does.
     #[inline(always)]
     fn moved(&self, m: &Matrix<F>, moves: F::Mask) -> Self {

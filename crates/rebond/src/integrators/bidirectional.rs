@@ -182,7 +182,7 @@ impl<'a> Bidirectional<'a> {
         while alive.any() {
             let u = Dimensions::new(eye.stream(), F::Index::splat(path.segments - 1), PER_BOUNCE);
             work.rays.add(path.segments, alive.count());
-            let hit = scene.intersect(&path.ray, alive, path.segments == 1);
+            let hit = scene.meet(&path.ray, alive, path.segments == 1);
             let found = alive & is_hit(&hit);
             work.ways.escape(&path, state, alive.and_not(found));
             if found.none() {

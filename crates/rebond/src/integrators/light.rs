@@ -145,7 +145,8 @@ impl<'a> Light<'a> {
     ) {
         let (camera, time) = (self.scene.camera(), path.ray.time);
         let crossing = camera.crossing(path.origin(), path.direction(), time);
-        let mask = alive & path.specular & crossing.mask & crossing.free.lt(end);
+        let mask = (alive & path.specular & crossing.mask).and_not(path.hidden);
+        let mask = mask & crossing.free.lt(path.end(end, mask));
         if mask.any() {
             let state = work.sheets.state(PathClasses::start::<F>(), work.events.iter().rev().copied());
             let seen = camera.density(path.direction(), time).0 * camera.lens_pdf(time).0 / crossing.cos;

@@ -13,6 +13,7 @@
 //! and differs from the others in how it draws the paths X_i. One file per algorithm; none imports another.
 
 mod ambient_occlusion;
+mod aov;
 mod bidirectional;
 mod direct;
 mod light;
@@ -24,6 +25,7 @@ mod vcm;
 
 pub use crate::transport::{Heuristic, Kernel, Roulette};
 pub use ambient_occlusion::{AmbientOcclusionSampling, AmbientOcclusionSettings};
+pub use aov::AovSettings;
 pub use bidirectional::BidirectionalSettings;
 pub use direct::{DirectSampling, DirectSettings, Factor};
 pub use light::LightSettings;
@@ -61,6 +63,8 @@ pub enum IntegratorSettings {
     Vcm(VcmSettings),
     /// Radiosity.
     Radiosity(Box<RadiositySettings>),
+    /// What camera rays meet.
+    Aov(AovSettings),
 }
 
 impl Default for IntegratorSettings {
@@ -127,6 +131,11 @@ pub const INTEGRATORS: &[IntegratorInfo] = &[
         summary: "diffuse light between patches, solved once for all views",
         settings: radiosity::SETTINGS,
     },
+    IntegratorInfo {
+        name: "aov",
+        summary: "what camera rays meet: distance, place, normal and the like",
+        settings: aov::SETTINGS,
+    },
 ];
 
 /// Settings that do not go together, or not with the scene.
@@ -185,6 +194,7 @@ impl IntegratorSettings {
             Self::Photon(_) => "photon",
             Self::Vcm(_) => "vcm",
             Self::Radiosity(_) => "radiosity",
+            Self::Aov(_) => "aov",
         }
     }
 
@@ -207,6 +217,7 @@ impl IntegratorSettings {
             Self::Photon(settings) => Some(settings.leaves_out()),
             Self::Vcm(settings) => settings.leaves_out(),
             Self::Radiosity(_) => Some("light is known per patch".into()),
+            Self::Aov(settings) => Some(format!("{} is not light", settings.show.name())),
         }
     }
 
@@ -235,7 +246,8 @@ impl IntegratorSettings {
             | Self::Recursive(_)
             | Self::Photon(_)
             | Self::Vcm(_)
-            | Self::Radiosity(_) => None,
+            | Self::Radiosity(_)
+            | Self::Aov(_) => None,
             Self::Path(settings) => settings.paths.as_ref(),
             Self::Light(settings) => settings.paths.as_ref(),
             Self::Bidirectional(settings) => settings.paths.as_ref(),
@@ -300,7 +312,7 @@ impl IntegratorSettings {
             let message = format!("{} does not tell paths apart", self.name());
             return Err(IntegratorError { message, help: "use path, direct, light or bidirectional".into() });
         }
-        Ok(match self {
+        let picture = match self {
             Self::AmbientOcclusion(settings) => {
                 let shade = ambient_occlusion::AmbientOcclusion::new(*settings)?;
                 engine.integrator(scene, sampler, shade, classes)
@@ -326,6 +338,8 @@ impl IntegratorSettings {
             Self::Radiosity(settings) => {
                 Box::new(radiosity::Radiosity::new((**settings).clone(), scene, sampler, engine)?)
             }
-        })
+            Self::Aov(settings) => settings.integrator(scene, sampler, engine),
+        };
+        Ok(aov::beside(picture, scene, sampler, engine))
     }
 }

@@ -103,9 +103,10 @@ impl<'a> Recursive<'a> {
     fn radiance(&self, sampler: &Sampler, ray: &Ray<f32>, emission: bool, node: Node, rays: &mut Rays) -> Rgb<f32> {
         let scene = self.scene;
         rays.add(node.depth, 1);
-        let hit = scene.intersect(ray, true, true);
+        let hit = scene.meet(ray, true, node.depth == 1);
         if !is_hit(&hit) {
-            return if emission { scene.sky(Vec3::splat(ray.d)) } else { Rgb::black() };
+            let hidden = scene.hides_emitters() && node.depth == 1;
+            return if emission && !hidden { scene.sky(Vec3::splat(ray.d)) } else { Rgb::black() };
         }
         let surface = scene.surface(ray, &hit, true);
         let le = if emission { scene.emitted(&surface, true) } else { Rgb::black() };

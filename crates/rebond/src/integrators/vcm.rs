@@ -350,7 +350,7 @@ impl<'a> Vcm<'a> {
             self.leave(&mut path);
             let u = Dimensions::new(eye.stream(), F::Index::splat(path.segments - 1), PER_BOUNCE);
             work.rays.add(path.segments, alive.count());
-            let hit = scene.intersect(&path.ray, alive, path.segments == 1);
+            let hit = scene.meet(&path.ray, alive, path.segments == 1);
             let found = alive & is_hit(&hit);
             work.ways.escape(&path, state, alive.and_not(found));
             if found.none() {

@@ -5,9 +5,9 @@ use super::path_classes::PathClasses;
 use super::path_state::{PathState, Shade};
 use crate::bsdf::Event;
 use crate::math::{Rgb, vec3};
-use crate::scene::Scene;
-use rebond_bvh::Trace;
-use rebond_lanes::{Index, Mask};
+use crate::scene::{Scene, is_hit};
+use rebond_bvh::{Hit, Trace};
+use rebond_lanes::{Index, Mask, Real};
 
 /// What became of paths at a bounce.
 pub struct Bounced<F: Trace> {
@@ -34,9 +34,23 @@ pub fn bounce<F: Trace>(
 ) -> Bounced<F> {
     let gathered = path.radiance();
     path.set_radiance(Rgb::black());
-    let hit = scene.intersect(&path.ray(), active, coherent);
+    // Rays of an eye that sees no lights.
+    let mut first = F::Mask::splat(false);
+    if scene.hides_emitters() {
+        first = active & path.depth.eq(Index::splat(1));
+    }
+    let hit = if first.any() {
+        let (seen, met) = (scene.see(&path.ray(), first), scene.intersect(&path.ray(), active.and_not(first), false));
+        select(first, seen, met)
+    } else {
+        scene.intersect(&path.ray(), active, coherent)
+    };
     journal.write(|vertices| vertices.push(Vertex::new(scene, path, &hit)));
     let bounce = shade.shade_telling(scene, path, &hit, active, journal);
+    if first.any() {
+        // Nor does it see surroundings.
+        path.set_radiance(path.radiance().masked(is_hit(&hit) | !first));
+    }
     if let Some(classes) = classes {
         // What the estimator added came along the present ray.
         let layer = classes.light::<F>(path.class);
@@ -87,4 +101,15 @@ pub fn bounce<F: Trace>(
         journal.last(|vertex| vertex.event = Event::ALL.get(bounce.event.lane(0) as usize).copied());
     }
     Bounced { alive, shadow_rays }
+}
+
+fn select<F: Real>(mask: F::Mask, a: Hit<F>, b: Hit<F>) -> Hit<F> {
+    let (index, number) = (|a, b| F::Index::select(mask, a, b), |a, b| F::select(mask, a, b));
+    Hit {
+        t: number(a.t, b.t),
+        u: number(a.u, b.u),
+        v: number(a.v, b.v),
+        primitive: index(a.primitive, b.primitive),
+        instance: index(a.instance, b.instance),
+    }
 }

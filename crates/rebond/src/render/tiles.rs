@@ -214,18 +214,28 @@ impl<'a> Tiles<'a> {
 
     /// Hands the sums of a tile over, the picture's and each layer's, and the rays traced since the last time.
     pub fn done(&self, tile: &Tile, pixels: &[[Batch; TILE]], rays: &mut Rays) {
+        self.add(tile, 0, pixels);
+        self.observer.advance(u64::from(self.samples_of(tile)), rays.total());
+        self.rays.lock().unwrap_or_else(|e| e.into_inner()).merge(&std::mem::take(rays));
+    }
+
+    /// The same for layers from this one on, beside a picture whose samples these are.
+    pub fn beside(&self, tile: &Tile, first: usize, pixels: &[[Batch; TILE]], rays: &mut Rays) {
+        self.add(tile, first + 1, pixels);
+        self.rays.lock().unwrap_or_else(|e| e.into_inner()).merge(&std::mem::take(rays));
+    }
+
+    /// Adds to sheets from this one on, of which the first is the picture.
+    fn add(&self, tile: &Tile, first: usize, pixels: &[[Batch; TILE]]) {
         let mut film = self.film.lock().unwrap_or_else(|e| e.into_inner());
         let width = film.width();
-        for (layer, batches) in pixels.iter().enumerate() {
-            let sums = if layer == 0 { film.pixels_mut() } else { film.layer_pixels_mut(layer - 1) };
+        for (sheet, batches) in (first..).zip(pixels) {
+            let sums = if sheet == 0 { film.pixels_mut() } else { film.layer_pixels_mut(sheet - 1) };
             for (i, p) in batches[..(tile.width * tile.height) as usize].iter().enumerate() {
                 let (x, y) = (tile.x + i as u32 % tile.width, tile.y + i as u32 / tile.width);
                 sums[(y * width + x) as usize].add(p, tile.weight);
             }
         }
-        drop(film);
-        self.observer.advance(u64::from(self.samples_of(tile)), rays.total());
-        self.rays.lock().unwrap_or_else(|e| e.into_inner()).merge(&std::mem::take(rays));
     }
 }
 

@@ -2,8 +2,8 @@
 
 use super::description::{
     AttributeTexture, CameraDescription, Channel, Color, Distribution, EmitterDescription, FovAxis, ImageTexture,
-    LobeForm, MaterialDescription, MaterialRef, Mesh, MeshFile, Metal, NumberTexture, SceneDescription,
-    ShapeDescription, Texture,
+    LobeForm, Masking, MaterialDescription, MaterialRef, Mesh, MeshFile, Metal, NumberTexture, Outline,
+    SceneDescription, ShapeDescription, Texture,
 };
 use super::faces::{Extent, Names};
 use super::pilot;
@@ -14,13 +14,13 @@ use super::{
     MATERIAL_RECORDS, MIX, NORMAL_MAP, Scene, SceneStatistics, TWO_SIDED,
 };
 use crate::bsdf::measured::{Measured, Tables};
-use crate::bsdf::{Bsdf, Lobe, Model, PARAMETERS, SMOOTH, check};
+use crate::bsdf::{BECKMANN, Bsdf, Lobe, Model, PARAMETERS, SEPARABLE, SMOOTH, check};
 use crate::camera::{Aperture, Camera, FEWEST_BLADES, MOST_BLADES, Projection};
 use crate::emitter::{
     Emitter, Emitters, Environment, EnvironmentImage, Glow, IntensityImage, Keyframe, LightSampler, NO_EMITTER,
     Picture, Slide, Window, area_vector,
 };
-use crate::film::{Filter, FilterSettings, Image, LARGEST_SAMPLE};
+use crate::film::{Aov, Filter, FilterSettings, Image, LARGEST_SAMPLE};
 use crate::math::{Frame, Keyframes, LUMINANCE, Rgb};
 use crate::shape::MeshData;
 use crate::texture::{Encoding, SAME_UV, Textures, UvMap};
@@ -32,7 +32,7 @@ use std::ops::Range;
 
 type Result<T> = std::result::Result<T, BuildError>;
 
-/// Flag of a material that is a dielectric, or a mix that has one in it.
+/// Flag of a material that is a dielectric or a sheet, or a mix that has one in it.
 const HAS_DIELECTRIC: u32 = 1;
 
 /// Which reader a mesh file needs.
@@ -92,6 +92,7 @@ pub fn build(description: &SceneDescription, resources: &dyn Resources) -> Resul
     builder.emitters()?;
     let camera = camera(&description.camera, size)?;
     let filter = filter(description.film.filter)?;
+    check_aovs(&description.film.aovs)?;
     builder.finish(geometries, instances, camera, filter)
 }
 
@@ -126,6 +127,16 @@ fn film_size(description: &SceneDescription) -> Result<[u32; 2]> {
         );
     }
     Ok([film.width, film.height])
+}
+
+/// What is shown beside the picture.
+fn check_aovs(aovs: &[Aov]) -> Result<()> {
+    for (i, aov) in aovs.iter().enumerate() {
+        if aovs[..i].contains(aov) {
+            return Err(BuildError::new(format!("film.aovs[{i}]"), format!("{} is there twice", aov.name())));
+        }
+    }
+    Ok(())
 }
 
 fn filter(settings: FilterSettings) -> Result<Filter> {
@@ -228,15 +239,26 @@ fn exponent(path: &str, x: f32) -> Result<f32> {
     number(path, x, 0.0..=1e6, "exponent of a lobe; it lies within [0, 1e6]")
 }
 
-/// The index of the inside over that of the outside.
-/// The parameter that tells a distribution.
-fn facets(distribution: Distribution) -> f32 {
-    match distribution {
+/// The parameter that tells what facets there are.
+fn facets(distribution: Distribution, masking: Masking) -> f32 {
+    let distribution = match distribution {
         Distribution::Ggx => 0.0,
-        Distribution::Beckmann => 1.0,
-    }
+        Distribution::Beckmann => BECKMANN,
+    };
+    let masking = match masking {
+        Masking::Correlated => 0.0,
+        Masking::Separable => SEPARABLE,
+    };
+    distribution + masking
 }
 
+/// The aspect of a brushed surface, at most 10 (Burley 2012), and α along both tangents.
+fn brushed(alpha: f32, anisotropic: f32) -> (f32, [f32; 2]) {
+    let aspect = (1.0 - 0.9 * anisotropic).sqrt();
+    (aspect, [(alpha / aspect).clamp(SMOOTH, 1.0), (alpha * aspect).max(SMOOTH)])
+}
+
+/// The index of the inside over that of the outside.
 fn relative_index(path: &str, int_ior: f32, ext_ior: f32) -> Result<f32> {
     let ior = |key: &str, x: f32| number(&format!("{path}.{key}"), x, 0.1..=100.0, "index of refraction");
     Ok(ior("int_ior", int_ior)? / ior("ext_ior", ext_ior)?)
@@ -544,7 +566,10 @@ impl<'a> Builder<'a> {
         let path = format!("{path}.attribute");
         self.asked = true;
         let Some(worn) = &mut self.worn else {
-            let error = BuildError::new(path, format!("\"{name}\" of no mesh"));
+            let error = BuildError::new(
+                path,
+                format!("\"{name}\" is an attribute, and what has this material here is no mesh"),
+            );
             return Err(error.help("attributes are those of the mesh that wears the material"));
         };
         let Some(values) = worn.attributes.get(name) else {
@@ -564,7 +589,9 @@ impl<'a> Builder<'a> {
         let outside = values.iter().filter(|v| !inside(v)).count();
         if outside > 0 {
             let times = if scale.0 == [1.0; 3] { "" } else { ", times its scale," };
-            let message = format!("{outside} values of \"{name}\"{times} are below 0, above 1 or not finite");
+            let values = if outside == 1 { "1 value" } else { &*format!("{outside} values") };
+            let are = if outside == 1 { "is" } else { "are" };
+            let message = format!("{values} of \"{name}\"{times} {are} below 0, above 1 or not finite");
             return Err(BuildError::new(path, message).help(range));
         }
         if let Some(number) = worn.numbers.get(name) {
@@ -688,35 +715,24 @@ impl<'a> Builder<'a> {
         Ok(number)
     }
 
-    /// α along both tangents, and the image that it is read from.
+    /// α along both tangents, and where it is read.
     fn roughness(
         &mut self,
         path: &str,
         alpha: &NumberTexture,
-        u: Option<f32>,
-        v: Option<f32>,
-    ) -> Result<([f32; 2], NumberFrom)> {
-        let alpha = match alpha {
-            NumberTexture::Constant(alpha) => *alpha,
-            _ if u.is_some() || v.is_some() => {
-                let key = if u.is_some() { "alpha_u" } else { "alpha_v" };
-                let error = BuildError::new(format!("{path}.{key}"), "a roughness beside an image of one");
-                return Err(error.help("give an image for `alpha`, or numbers for `alpha_u` and `alpha_v`"));
-            }
-            _ => {
-                let (alpha, from) = self.number_texture(path, "alpha", alpha, "roughness")?;
-                return Ok(([alpha; 2], from));
-            }
-        };
-        let both = [("alpha_u", u), ("alpha_v", v)].map(|(key, own)| own.map_or(("alpha", alpha), |own| (key, own)));
-        for (key, a) in both {
-            number(&format!("{path}.{key}"), a, 0.0..=1.0, "roughness; it lies within [0, 1]")?;
+        u: Option<&NumberTexture>,
+        v: Option<&NumberTexture>,
+    ) -> Result<([f32; 2], Row)> {
+        let [u, v] = [("alpha_u", u), ("alpha_v", v)].map(|(key, own)| own.map_or(("alpha", alpha), |own| (key, own)));
+        let (x, roughness) = self.number_texture(path, u.0, u.1, "roughness")?;
+        let mut row = Row { roughness, aspect: 1.0, ..Row::default() };
+        if u.1 == v.1 {
+            return Ok(([x; 2], row));
         }
-        let both = both.map(|(_, a)| a);
-        if both[0] != both[1] {
-            self.features.tangents = true;
-        }
-        Ok((both, NumberFrom::default()))
+        let (y, across) = self.number_texture(path, v.0, v.1, "roughness")?;
+        row.across = Some(across);
+        self.features.tangents = true;
+        Ok(([x, y], row))
     }
 
     fn material(&mut self, path: &str, material: &'a MaterialDescription, depth: u32) -> Result<u32> {
@@ -728,18 +744,17 @@ impl<'a> Builder<'a> {
             M::Mirror { reflectance } => {
                 self.simple(Model::Mirror, path, "reflectance", reflectance, [0.0; PARAMETERS])
             }
-            M::Dielectric { int_ior, ext_ior, alpha, alpha_u, alpha_v, distribution, tint } => {
+            M::Dielectric { int_ior, ext_ior, alpha, alpha_u, alpha_v, distribution, masking, tint } => {
                 let eta = relative_index(path, *int_ior, *ext_ior)?;
-                let ([u, v], roughness) = self.roughness(path, alpha, *alpha_u, *alpha_v)?;
+                let ([u, v], row) = self.roughness(path, alpha, alpha_u.as_ref(), alpha_v.as_ref())?;
                 // With equal indices a rough boundary is no boundary either, and its half vectors are undefined.
                 let smooth = u.max(v) < SMOOTH || eta == 1.0;
                 let model = if smooth { Model::Dielectric } else { Model::RoughDielectric };
-                let facets = facets(*distribution);
+                let facets = facets(*distribution, *masking);
                 let p = [eta, 0.0, 0.0, 0.0, 0.0, 0.0, u.max(SMOOTH), v.max(SMOOTH), facets];
-                let roughness = if smooth { NumberFrom::default() } else { roughness };
-                self.varying(model, path, "tint", tint, p, Row { roughness, aspect: 1.0, ..Row::default() })
+                self.varying(model, path, "tint", tint, p, if smooth { Row::default() } else { row })
             }
-            M::Conductor { metal, eta, k, alpha, alpha_u, alpha_v, distribution, tint, compensate } => {
+            M::Conductor { metal, eta, k, alpha, alpha_u, alpha_v, distribution, masking, tint, compensate } => {
                 let (eta, k) = match (metal, eta, k) {
                     (Some(metal), None, None) => index_of(*metal),
                     (None, Some(eta), Some(k)) => {
@@ -748,8 +763,8 @@ impl<'a> Builder<'a> {
                     (None, None, None) => index_of(Metal::Aluminium),
                     _ => return Err(BuildError::new(path, "a conductor needs either `metal`, or both `eta` and `k`")),
                 };
-                let ([u, v], roughness) = self.roughness(path, alpha, *alpha_u, *alpha_v)?;
-                if *compensate && u != v {
+                let ([u, v], row) = self.roughness(path, alpha, alpha_u.as_ref(), alpha_v.as_ref())?;
+                if *compensate && row.across.is_some() {
                     let error = BuildError::new(format!("{path}.compensate"), "compensation of an anisotropic metal");
                     return Err(error.help("give one `alpha` for both directions, or leave out `compensate`"));
                 }
@@ -758,13 +773,18 @@ impl<'a> Builder<'a> {
                     let error = BuildError::new(format!("{path}.compensate"), what);
                     return Err(error.help("leave out `distribution`, or leave out `compensate`"));
                 }
+                if *compensate && *masking != Masking::Correlated {
+                    let error = BuildError::new(format!("{path}.compensate"), "compensation of separable masking");
+                    return Err(error.help("leave out `masking`, or leave out `compensate`"));
+                }
                 let model = match compensate {
                     _ if u.max(v) < SMOOTH => Model::Conductor,
                     true => Model::CompensatedConductor,
                     false => Model::RoughConductor,
                 };
-                let p = [eta[0], eta[1], eta[2], k[0], k[1], k[2], u.max(SMOOTH), v.max(SMOOTH), facets(*distribution)];
-                self.varying(model, path, "tint", tint, p, Row { roughness, aspect: 1.0, ..Row::default() })
+                let facets = facets(*distribution, *masking);
+                let p = [eta[0], eta[1], eta[2], k[0], k[1], k[2], u.max(SMOOTH), v.max(SMOOTH), facets];
+                self.varying(model, path, "tint", tint, p, row)
             }
             M::Phong { reflectance, exponent, form } => {
                 let model = if *form == LobeForm::Lecture { Model::PhongLecture } else { Model::Phong };
@@ -816,7 +836,6 @@ impl<'a> Builder<'a> {
                 let (metallic, metal_from) = self.number_texture(path, "metallic", metallic, "share of metal")?;
                 let transmission = unit(path, "transmission", *transmission, "share of glass")?;
                 let (roughness, roughness_from) = self.number_texture(path, "roughness", roughness, "roughness")?;
-                let alpha = roughness.powi(2);
                 let anisotropic = unit(path, "anisotropic", *anisotropic, "anisotropy")?;
                 let specular = unit(path, "specular", *specular, "strength of a reflection")?;
                 let clearcoat = unit(path, "clearcoat", *clearcoat, "weight")?;
@@ -826,16 +845,44 @@ impl<'a> Builder<'a> {
                 // Half vectors of refraction need some difference of the indices.
                 let eta = ior.max(1.001);
                 let f0 = (2.0 * specular * ((ior - 1.0) / (ior + 1.0)).powi(2)).min(1.0);
-                // Burley 2012: an aspect of at most 10.
-                let aspect = (1.0 - 0.9 * anisotropic).sqrt();
-                let (ax, ay) = ((alpha / aspect).clamp(SMOOTH, 1.0), (alpha * aspect).max(SMOOTH));
+                let (aspect, [ax, ay]) = brushed(roughness.powi(2), anisotropic);
                 self.features.tangents |= ax != ay || (aspect != 1.0 && roughness_from.source != 0);
                 let p = [metallic, transmission, eta, f0, clearcoat, coat_alpha.max(SMOOTH), ax, ay, sheen];
-                let row = Row { roughness: roughness_from, is_root: true, aspect, metallic: metal_from, color: 0 };
+                let row =
+                    Row { roughness: roughness_from, is_root: true, aspect, metallic: metal_from, ..Row::default() };
                 let number = self.varying(Model::Principled, path, "base_color", base_color, p, row)?;
                 if transmission > 0.0 && (metallic < 1.0 || metal_from.source != 0) {
                     self.materials[(number * MATERIAL_RECORDS) as usize].0[3] = f32::from_bits(HAS_DIELECTRIC);
                 }
+                Ok(number)
+            }
+            M::PrincipledThin {
+                base_color,
+                roughness,
+                anisotropic,
+                transmission,
+                ior,
+                specular_tint,
+                diffuse_transmission,
+                flatness,
+                sheen,
+                sheen_tint,
+            } => {
+                let (roughness, roughness_from) = self.number_texture(path, "roughness", roughness, "roughness")?;
+                let anisotropic = unit(path, "anisotropic", *anisotropic, "anisotropy")?;
+                let transmission = unit(path, "transmission", *transmission, "share of glass")?;
+                let ior = number(&format!("{path}.ior"), *ior, 1.0..=100.0, "index of refraction of at least 1")?;
+                let specular_tint = unit(path, "specular_tint", *specular_tint, "share of a tint")?;
+                let passes = unit(path, "diffuse_transmission", *diffuse_transmission, "share of light")?;
+                let flatness = unit(path, "flatness", *flatness, "flatness")?;
+                let sheen = unit(path, "sheen", *sheen, "weight")?;
+                let sheen_tint = unit(path, "sheen_tint", *sheen_tint, "share of a tint")?;
+                let (aspect, [ax, ay]) = brushed(roughness.powi(2), anisotropic);
+                self.features.tangents |= ax != ay || (aspect != 1.0 && roughness_from.source != 0);
+                let p = [transmission, ior, passes, flatness, sheen, specular_tint, ax, ay, sheen_tint];
+                let row = Row { roughness: roughness_from, is_root: true, aspect, ..Row::default() };
+                let number = self.varying(Model::PrincipledThin, path, "base_color", base_color, p, row)?;
+                self.materials[(number * MATERIAL_RECORDS) as usize].0[3] = f32::from_bits(HAS_DIELECTRIC);
                 Ok(number)
             }
             M::Measured { file } => {
@@ -1023,7 +1070,7 @@ impl<'a> Builder<'a> {
         let head = self.head(material);
         self.check_whole(path, material)?;
         if head[3] & HAS_DIELECTRIC != 0 {
-            return Err(BuildError::new(path, "a dielectric already has two sides"));
+            return Err(BuildError::new(path, "a dielectric, or a sheet, already has two sides"));
         }
         if head[0] == TWO_SIDED {
             return Err(BuildError::new(path, "a two-sided material within another"));
@@ -1387,6 +1434,27 @@ impl<'a> Builder<'a> {
                         direction.ok_or_else(|| BuildError::new(at("direction"), "the direction is zero"))?;
                     Emitter::Directional { direction, irradiance: light(&at("irradiance"), *irradiance)? }
                 }
+                EmitterDescription::DirectionalArea { to_world, shape, irradiance } => {
+                    let m = to_world.matrix(&at("to_world"), "a directional-area light")?;
+                    let corner = |x: f64, y: f64| m.transform_point3(DVec3::new(x, y, 0.0)).as_vec3();
+                    let (round, [p, a, b]) = match shape {
+                        Outline::Rectangle => (false, [corner(-1.0, -1.0), corner(1.0, -1.0), corner(-1.0, 1.0)]),
+                        Outline::Disk => (true, [corner(0.0, 0.0), corner(1.0, 0.0), corner(0.0, 1.0)]),
+                    };
+                    let (a, b) = (a - p, b - p);
+                    let area = area_vector(a, b).length();
+                    if !(area.is_finite() && area > SMALLEST_LIGHT && area < LARGEST_LIGHT) {
+                        let error = BuildError::new(
+                            at("to_world"),
+                            "the transform leaves the light no area, or too large a one",
+                        );
+                        return Err(error.help("its sides are to be lengths in the units of the scene"));
+                    }
+                    // A transform that mirrors turns the order of edges; +z stays what it is.
+                    let (a, b) = if m.matrix3.determinant() < 0.0 { (b, a) } else { (a, b) };
+                    let irradiance = light(&at("irradiance"), *irradiance)?;
+                    Emitter::DirectionalArea { p: [p, a, b], round, irradiance }
+                }
                 EmitterDescription::Constant { radiance } => {
                     self.environments.push(Environment::Constant(light(&at("radiance"), *radiance)?));
                     self.surroundings()
@@ -1545,6 +1613,7 @@ impl<'a> Builder<'a> {
             geometries.push(part.geometry);
         }
         self.features.instances = placed.len() > 1;
+        self.features.hides_emitters = self.description.hide_emitters;
         let instances: Vec<Instance> = placed
             .iter()
             .map(|(geometry, motion, _)| {
@@ -1639,6 +1708,7 @@ impl<'a> Builder<'a> {
             emitters,
             camera,
             filter,
+            aovs: self.description.film.aovs.clone(),
             statistics,
             names: self.names,
             extents,
@@ -1653,13 +1723,19 @@ impl<'a> Builder<'a> {
 /// Place and axes of what is turned and mirrored, but not sheared.
 fn upright(path: &str, to_world: &super::description::Transform, what: &str) -> Result<(Vec3, [[f32; 3]; 3])> {
     let m = to_world.matrix(path, what)?;
-    let axes = [m.matrix3.x_axis, m.matrix3.y_axis, m.matrix3.z_axis].map(|v| v.normalize());
+    let axes = [m.matrix3.x_axis, m.matrix3.y_axis, m.matrix3.z_axis];
+    let lengths = axes.map(|v| v.length());
+    let axes = axes.map(|v| v.normalize());
     let place = m.translation.as_vec3();
     if !(place.is_finite() && axes.iter().all(|a| a.is_finite())) {
         return Err(BuildError::new(path, "the transform flattens what it places, or is not finite"));
     }
     if axes[0].dot(axes[1]).abs().max(axes[1].dot(axes[2]).abs()).max(axes[2].dot(axes[0]).abs()) > 1e-4 {
         return Err(BuildError::new(path, format!("{what} can be turned and mirrored, but not sheared")));
+    }
+    if lengths.iter().any(|l| (l / lengths[0] - 1.0).abs() > 1e-4) {
+        let error = BuildError::new(path, format!("{what} can be turned and mirrored, but not stretched"));
+        return Err(error.help("scale it alike along all axes, which changes nothing"));
     }
     Ok((place, axes.map(|a| a.as_vec3().to_array())))
 }

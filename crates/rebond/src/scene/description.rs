@@ -6,7 +6,7 @@
 //! Rec. 709; [`Color`] may be one number, for grey.
 
 use crate::emitter::LightChoice;
-use crate::film::FilterSettings;
+use crate::film::{Aov, FilterSettings};
 use crate::integrators::IntegratorSettings;
 use crate::sampling::SamplerSettings;
 use crate::texture::{Encoding, TextureFilter, UvMap, Wrap};
@@ -29,6 +29,9 @@ pub struct SceneDescription {
     pub sampler: SamplerSettings,
     /// How an emitter is chosen to light a point; by power if there are few, else by a tree, if not given.
     pub light_choice: Option<LightChoice>,
+    /// Whether the eye sees no lights: its rays pass those that have a surface, and find no surroundings. They light the rest as before.
+    #[serde(skip_serializing_if = "is_false")]
+    pub hide_emitters: bool,
     /// The algorithm to use unless another is asked for.
     pub integrator: IntegratorSettings,
     /// Materials by name.
@@ -41,6 +44,10 @@ pub struct SceneDescription {
     pub emitters: Vec<EmitterDescription>,
 }
 
+fn is_false(flag: &bool) -> bool {
+    !flag
+}
+
 /// Size and filter of the picture.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -51,11 +58,14 @@ pub struct FilmDescription {
     pub height: u32,
     /// Reconstruction filter.
     pub filter: FilterSettings,
+    /// What camera rays meet, in layers beside the picture.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub aovs: Vec<Aov>,
 }
 
 impl Default for FilmDescription {
     fn default() -> Self {
-        Self { width: 512, height: 512, filter: FilterSettings::default() }
+        Self { width: 512, height: 512, filter: FilterSettings::default(), aovs: Vec::new() }
     }
 }
 
@@ -400,6 +410,17 @@ pub enum Distribution {
     Beckmann,
 }
 
+/// How facets of rough metal and glass hide each other from both directions, after Smith.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Masking {
+    /// What stands high is seen better from both.
+    #[default]
+    Correlated,
+    /// From each independently, as in Mitsuba: a little darker where facets are rough.
+    Separable,
+}
+
 /// A metal whose complex index of refraction is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -453,13 +474,16 @@ pub enum MaterialDescription {
         alpha: NumberTexture,
         /// Roughness along the tangent, in place of `alpha`.
         #[serde(default)]
-        alpha_u: Option<f32>,
+        alpha_u: Option<NumberTexture>,
         /// Roughness across the tangent, in place of `alpha`.
         #[serde(default)]
-        alpha_v: Option<f32>,
+        alpha_v: Option<NumberTexture>,
         /// How facets are distributed.
         #[serde(default)]
         distribution: Distribution,
+        /// How they hide each other.
+        #[serde(default)]
+        masking: Masking,
         /// Factor on all it scatters; 1 for what is physical.
         #[serde(default = "white")]
         tint: Texture,
@@ -480,13 +504,16 @@ pub enum MaterialDescription {
         alpha: NumberTexture,
         /// Roughness along the tangent, in place of `alpha`.
         #[serde(default)]
-        alpha_u: Option<f32>,
+        alpha_u: Option<NumberTexture>,
         /// Roughness across the tangent, in place of `alpha`.
         #[serde(default)]
-        alpha_v: Option<f32>,
+        alpha_v: Option<NumberTexture>,
         /// How facets are distributed.
         #[serde(default)]
         distribution: Distribution,
+        /// How they hide each other.
+        #[serde(default)]
+        masking: Masking,
         /// Factor on the reflectance; 1 for what is physical.
         #[serde(default = "white")]
         tint: Texture,
@@ -600,6 +627,39 @@ pub enum MaterialDescription {
         /// Index of refraction inside.
         #[serde(default = "glass")]
         ior: f32,
+    },
+    /// A sheet without thickness, such as a leaf or paper: the thin form of Disney's BSDF. The same from both sides.
+    PrincipledThin {
+        /// Its colour.
+        #[serde(default = "eighty_percent")]
+        base_color: Texture,
+        /// Roughness; α is its square. What passes is less rough.
+        #[serde(default = "half_texture")]
+        roughness: NumberTexture,
+        /// How much it is brushed along its tangent, in [0, 1].
+        #[serde(default)]
+        anisotropic: f32,
+        /// 0 for a diffuse sheet, 1 for one that reflects and passes light as glass does.
+        #[serde(default)]
+        transmission: f32,
+        /// Index of refraction.
+        #[serde(default = "glass")]
+        ior: f32,
+        /// How much the colour tints what a sheet of glass reflects.
+        #[serde(default)]
+        specular_tint: f32,
+        /// Share of a diffuse sheet's light that passes it, in [0, 1].
+        #[serde(default)]
+        diffuse_transmission: f32,
+        /// How flat a diffuse sheet looks, as if light travelled within it.
+        #[serde(default)]
+        flatness: f32,
+        /// Weight of light that grazes its fibres.
+        #[serde(default)]
+        sheen: f32,
+        /// How much the colour tints that.
+        #[serde(default)]
+        sheen_tint: f32,
     },
     /// What was measured, or captured from another material: a `.safetensors` table of rebond's, MERL's `.binary` or RGL's
     /// `.bsdf`.
@@ -926,6 +986,17 @@ pub enum EmitterDescription {
         /// Irradiance on a surface that faces it, W·m⁻².
         irradiance: Color,
     },
+    /// Parallel light from a surface that shines along its normal, local +z, only. It is light alone: a shape may stand where it starts.
+    DirectionalArea {
+        /// Where it stands and points, and how large it is.
+        #[serde(default)]
+        to_world: Transform,
+        /// Its outline.
+        #[serde(default)]
+        shape: Outline,
+        /// Irradiance on a surface that faces it, W·m⁻².
+        irradiance: Color,
+    },
     /// The same radiance from everywhere.
     Constant {
         /// Radiance, W·sr⁻¹·m⁻².
@@ -945,6 +1016,17 @@ pub enum EmitterDescription {
         #[serde(default)]
         to_world: Transform,
     },
+}
+
+/// Flat shapes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Outline {
+    /// The square from (−1, −1, 0) to (1, 1, 0).
+    #[default]
+    Rectangle,
+    /// The unit disk.
+    Disk,
 }
 
 fn clamp() -> Wrap {

@@ -154,6 +154,21 @@ impl Scene {
         DAffine3 { matrix3: DMat3::from_cols(column(0), column(1), column(2)), translation: column(3) }
     }
 
+    /// The same of what is opaque of a material that may have holes, without anything known about it.
+    pub fn albedo(&self, material: u32, uv: [f32; 2], behind: bool) -> [f32; 3] {
+        let head = self.head(material);
+        let material = if head[0] == MASK { head[1] } else { material };
+        self.diffuse_part(material, uv, behind).reflectance
+    }
+
+    /// The numbers of a primitive: that of its shape in the order of the scene, and its own within that.
+    pub fn numbers(&self, primitive: u32) -> [u32; 2] {
+        let shape = f32::words(&self.primitives, Index1(primitive))[3];
+        let [_, _, flags, first] = f32::words(&self.shapes, shape).map(|w| w.0);
+        let round = flags & (super::IS_SPHERE | super::IS_DISK) != 0;
+        [shape.0, if round { 0 } else { primitive.saturating_sub(first) }]
+    }
+
     fn head(&self, material: u32) -> [u32; 4] {
         f32::words(&self.materials, Index1(material * MATERIAL_RECORDS)).map(|w| w.0)
     }
@@ -273,6 +288,7 @@ impl Scene {
                 Some(Model::AshikhminShirley) => "an Ashikhmin-Shirley lobe",
                 Some(Model::Plastic) => "plastic",
                 Some(Model::Principled) => "a principled material",
+                Some(Model::PrincipledThin) => "a thin principled material",
                 Some(Model::Angles | Model::HalfDifference | Model::Adaptive) => "a measured material",
                 Some(Model::Diffuse) | None => "a diffuse material",
             },

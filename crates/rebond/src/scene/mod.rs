@@ -17,7 +17,7 @@ use crate::bsdf::measured::Tables;
 use crate::bsdf::{Bsdf, Lobe, Model, PARAMETERS};
 use crate::camera::Camera;
 use crate::emitter::{EmitterHit, EmitterSample, Emitters, LightSampler, LightSampling};
-use crate::film::Filter;
+use crate::film::{Aov, Filter};
 use crate::math::{Frame, Keyframes, Rgb, Vec3};
 use crate::texture::Textures;
 use rebond_bvh::{Accel, Hit, Ray, Trace};
@@ -95,6 +95,7 @@ pub struct Scene {
     light_sampler: LightSampler,
     camera: Camera,
     filter: Filter,
+    aovs: Vec<Aov>,
     statistics: SceneStatistics,
     names: faces::Names,
     /// Of each instance.
@@ -119,6 +120,8 @@ struct Features {
     maps: bool,
     /// Some material has a parameter that varies.
     varied: bool,
+    /// The eye sees no lights.
+    hides_emitters: bool,
 }
 
 /// Flags of a shape.
@@ -154,6 +157,11 @@ impl Scene {
     /// The reconstruction filter.
     pub fn filter(&self) -> &Filter {
         &self.filter
+    }
+
+    /// What the film shows beside the picture.
+    pub fn aovs(&self) -> &[Aov] {
+        &self.aovs
     }
 
     /// The emitters.
@@ -203,6 +211,48 @@ impl Scene {
             return self.occluded_masked(ray, mask);
         }
         self.accel.occluded(ray, mask)
+    }
+
+    /// Whether the eye sees no lights: its rays pass those that have a surface, and find no surroundings.
+    #[inline(always)]
+    pub fn hides_emitters(&self) -> bool {
+        self.features.hides_emitters
+    }
+
+    /// The first surface along each ray of `mask`; past lights, if those are hidden from the eye and the rays `start` there.
+    #[inline(always)]
+    pub fn meet<F: Trace>(&self, ray: &Ray<F>, mask: F::Mask, start: bool) -> Hit<F> {
+        if self.features.hides_emitters && start {
+            return self.see(ray, mask);
+        }
+        self.intersect(ray, mask, start)
+    }
+
+    /// Whether anything lies on the rays of `mask`, one end of which is the eye's.
+    #[inline(always)]
+    pub fn hidden<F: Trace>(&self, ray: &Ray<F>, mask: F::Mask) -> F::Mask {
+        if self.features.hides_emitters {
+            return self.hidden_past_lights(ray, mask);
+        }
+        self.occluded(ray, mask)
+    }
+
+    /// What the eye sees along its own rays of `mask` where it sees no lights.
+    // Apart, so that scenes whose lights are seen keep their loops short.
+    #[inline(never)]
+    pub fn see<F: Trace>(&self, ray: &Ray<F>, mask: F::Mask) -> Hit<F> {
+        self.accel.closest_where(ray, mask, true, &|p, i, u, v| !self.shines(p) && self.stops(p, i, u, v))
+    }
+
+    #[inline(never)]
+    fn hidden_past_lights<F: Trace>(&self, ray: &Ray<F>, mask: F::Mask) -> F::Mask {
+        self.accel.occluded_where(ray, mask, &|p, i, u, v| !self.shines(p) && self.stops(p, i, u, v))
+    }
+
+    /// Whether a primitive is a light.
+    fn shines(&self, primitive: u32) -> bool {
+        let shape = f32::words(&self.primitives, Index1(primitive))[3];
+        f32::words(&self.shapes, shape)[1].0 != crate::emitter::NO_EMITTER
     }
 
     // Apart, so that scenes without holes keep their loops short.

@@ -30,6 +30,8 @@ pub struct Row {
     pub aspect: f32,
     /// Share of metal.
     pub metallic: NumberFrom,
+    /// Where αy is read, if not where αx is. No model has this and metal.
+    pub across: Option<NumberFrom>,
     /// The attribute that multiplies the colour: its number + 1, or 0.
     pub color: u32,
 }
@@ -37,15 +39,16 @@ pub struct Row {
 impl Row {
     /// Whether anything varies.
     pub fn is_any(&self) -> bool {
-        self.roughness.source != 0 || self.metallic.source != 0 || self.color != 0
+        let across = self.across.is_some_and(|from| from.source != 0);
+        self.roughness.source != 0 || self.metallic.source != 0 || across || self.color != 0
     }
 }
 
 /// What varies of all materials of which something does.
 #[derive(Clone, Debug, Default)]
 pub struct Varied {
-    /// Three records each: [source of roughness, of metal, attribute of colour + 1, whether roughness is a root] (words); weights of
-    /// the roughness and its aspect; weights of the metal.
+    /// Three records each: [source of roughness, of metal or αy, attribute of colour + 1, flags] (words); weights of the roughness and
+    /// its aspect; weights of the metal or αy.
     rows: Vec<Record>,
     /// Of each attribute of a mesh: [its first value, the mesh's first vertex, whether it is of faces, –] (words).
     attributes: Vec<Record>,
@@ -53,6 +56,10 @@ pub struct Varied {
 }
 
 const RECORDS: u32 = 3;
+
+/// Flags: roughness is a root; the second number is not metal but αy.
+const IS_ROOT: u32 = 1;
+const IS_ACROSS: u32 = 2;
 
 /// What values are found by.
 pub struct Tables<'a> {
@@ -97,11 +104,13 @@ fn before<F: Real>(number: F::Index, there: F::Mask) -> F::Index {
 impl Varied {
     /// Adds a row and returns its number + 1.
     pub fn add(&mut self, row: Row) -> u32 {
-        let Row { roughness, is_root, aspect, metallic, color } = row;
-        self.rows.push(Record::words([roughness.source, metallic.source, color, u32::from(is_root)]));
+        let Row { roughness, is_root, aspect, metallic, across, color } = row;
+        let flags = if is_root { IS_ROOT } else { 0 } | if across.is_some() { IS_ACROSS } else { 0 };
+        let second = across.unwrap_or(metallic);
+        self.rows.push(Record::words([roughness.source, second.source, color, flags]));
         let [r, g, b] = roughness.weights;
         self.rows.push(Record([r, g, b, aspect]));
-        let [r, g, b] = metallic.weights;
+        let [r, g, b] = second.weights;
         self.rows.push(Record([r, g, b, 0.0]));
         self.rows.len() as u32 / RECORDS
     }
@@ -116,8 +125,8 @@ impl Varied {
     /// Whether a row, by its number + 1, asks for an attribute.
     pub fn has_attribute(&self, row: u32) -> bool {
         let Some(row) = row.checked_sub(1) else { return false };
-        let [roughness, metallic, color, _] = self.rows[(row * RECORDS) as usize].0.map(f32::to_bits);
-        (roughness | metallic) & ATTRIBUTE != 0 || color != 0
+        let [roughness, second, color, _] = self.rows[(row * RECORDS) as usize].0.map(f32::to_bits);
+        (roughness | second) & ATTRIBUTE != 0 || color != 0
     }
 
     /// Bytes held.
@@ -143,7 +152,8 @@ impl Varied {
             return lobe;
         }
         let at = before::<F>(row, varied) * F::Index::splat(RECORDS);
-        let [roughness, metallic, color, is_root] = F::words(&self.rows, at);
+        let [roughness, second, color, flags] = F::words(&self.rows, at);
+        let has = |flag: u32| (flags & F::Index::splat(flag)).ne(none);
         let number = |source: F::Index, there: F::Mask, [r, g, b, _]: [F; 4]| {
             let attribute = there & (source & F::Index::splat(ATTRIBUTE)).ne(none);
             let image = there.and_not(attribute);
@@ -161,14 +171,17 @@ impl Varied {
         if rough.any() {
             let weights = F::record(&self.rows, at + F::Index::splat(1));
             let (x, aspect) = (number(roughness, rough, weights), weights[3]);
-            let alpha = F::select(is_root.ne(none), x * x, x);
+            let alpha = F::select(has(IS_ROOT), x * x, x);
+            let both = rough.and_not(has(IS_ACROSS));
             lobe.p[6] = F::select(rough, (alpha / aspect).clamp(SMOOTH, 1.0), lobe.p[6]);
-            lobe.p[7] = F::select(rough, (alpha * aspect).max(F::splat(SMOOTH)), lobe.p[7]);
+            lobe.p[7] = F::select(both, (alpha * aspect).max(F::splat(SMOOTH)), lobe.p[7]);
         }
-        let metal = varied & metallic.ne(none);
-        if metal.any() {
-            let weights = F::record(&self.rows, at + F::Index::splat(2));
-            lobe.p[0] = F::select(metal, number(metallic, metal, weights).clamp(0.0, 1.0), lobe.p[0]);
+        let there = varied & second.ne(none);
+        if there.any() {
+            let x = number(second, there, F::record(&self.rows, at + F::Index::splat(2)));
+            let across = there & has(IS_ACROSS);
+            lobe.p[0] = F::select(there.and_not(across), x.clamp(0.0, 1.0), lobe.p[0]);
+            lobe.p[7] = F::select(across, x.clamp(SMOOTH, 1.0), lobe.p[7]);
         }
         let colored = varied & color.ne(none);
         if colored.any() {

@@ -73,13 +73,13 @@ impl Connections {
         self.waiting += mask.count() as usize;
     }
 
-    /// Traces those that fill all lanes; the others, too, if these are the `last`. Tells what arrives, in the order in which it
-    /// was added.
+    /// Traces those that fill all lanes, which may lead to the eye; the others, too, if these are the `last`. Tells what arrives,
+    /// in the order in which it was added.
     #[inline(always)]
-    pub fn trace<F: Trace>(&mut self, scene: &Scene, last: bool, mut arrives: impl FnMut(Arrival)) {
+    pub fn trace<F: Trace>(&mut self, scene: &Scene, to_eye: bool, last: bool, mut arrives: impl FnMut(Arrival)) {
         while self.waiting >= F::LANES || (last && self.waiting > 0) {
             let n = self.waiting.min(F::LANES);
-            let free = self.free::<F>(scene, n);
+            let free = self.free::<F>(scene, to_eye, n);
             let at = |column: usize, i: usize| self.columns[column][i];
             let mut lanes = free.bits();
             while lanes != 0 {
@@ -104,7 +104,7 @@ impl Connections {
 
     /// Which of the first `n` are free. Apart, since tracing is much code.
     #[inline(never)]
-    fn free<F: Trace>(&self, scene: &Scene, n: usize) -> F::Mask {
+    fn free<F: Trace>(&self, scene: &Scene, to_eye: bool, n: usize) -> F::Mask {
         let column = |number: usize| F::load(&self.columns[number]);
         let ray = Ray {
             o: [column(0), column(1), column(2)],
@@ -113,6 +113,6 @@ impl Connections {
             time: column(7),
         };
         let mask = F::Mask::from_bits(((1_u64 << n) - 1) as u32);
-        mask.and_not(scene.occluded(&ray, mask))
+        mask.and_not(if to_eye { scene.hidden(&ray, mask) } else { scene.occluded(&ray, mask) })
     }
 }

@@ -28,12 +28,12 @@ pub struct Seen<F: Real> {
     pub mask: F::Mask,
 }
 
-/// The lights themselves, where paths of them begin; `None` if they are points or beams, or bring nothing.
+/// The lights themselves, where paths of them begin; `None` if they are points or beams, hidden from the eye, or bring nothing.
 pub fn see_source<F: Real>(scene: &Scene, source: &Source<F>, lens: [F; 2], time: F, mask: F::Mask) -> Option<Seen<F>> {
     let (camera, emitters) = (scene.camera(), scene.emitters());
     let (emitter, emission) = (source.emitter, &source.emission);
     let mask = mask & emitters.is_hittable::<F>(emitter);
-    if mask.none() {
+    if mask.none() || scene.hides_emitters() {
         return None;
     }
     let infinite = emitters.is_infinite::<F>(emitter);
@@ -59,10 +59,13 @@ pub fn see_source<F: Real>(scene: &Scene, source: &Source<F>, lens: [F; 2], time
     seen.mask.any().then_some(seen)
 }
 
-/// Vertices of light's paths; `None` if they scatter in single directions only, or bring nothing.
+/// Vertices of light's paths; `None` if they scatter in single directions only, are hidden from the eye, or bring nothing.
 pub fn see<F: Real>(scene: &Scene, vertex: &Vertex<'_, F>, lens: [F; 2], time: F) -> Option<Seen<F>> {
     let (surface, bsdf) = (&vertex.surface, &vertex.bsdf);
-    let mask = vertex.mask.and_not(bsdf.is_specular());
+    let mut mask = vertex.mask.and_not(bsdf.is_specular());
+    if scene.hides_emitters() {
+        mask = mask.and_not(surface.is_emitter());
+    }
     if mask.none() {
         return None;
     }

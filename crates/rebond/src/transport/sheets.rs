@@ -195,7 +195,7 @@ impl<'a, F: Trace> Sheets<'a, F> {
     fn trace_to_own(&mut self, last: bool) {
         let (layers, extra_sheets) = (self.layers(), 1 + self.layers());
         let connected = &mut self.connected;
-        self.to_own.trace::<F>(self.scene, last, |a| {
+        self.to_own.trace::<F>(self.scene, false, last, |a| {
             let mut add = |sheet: usize, weight: f32| {
                 connected[sheet][a.lane].iter_mut().zip(a.light).for_each(|(sum, x)| *sum += x * weight);
             };
@@ -213,7 +213,7 @@ impl<'a, F: Trace> Sheets<'a, F> {
     #[inline(never)]
     fn trace_to_any(&mut self, last: bool) {
         let arrived = &mut self.arrived;
-        self.to_any.trace::<F>(self.scene, last, |arrival| arrived.push(arrival));
+        self.to_any.trace::<F>(self.scene, true, last, |arrival| arrived.push(arrival));
     }
 
     /// The samples under way, of the pixels at these places of their tile, have ended, and their light's paths with them.

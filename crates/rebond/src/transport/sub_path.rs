@@ -26,7 +26,7 @@ use crate::math::{Rgb, Vec3};
 use crate::render::{Dimensions, PathState};
 use crate::sampling::Sampler;
 use crate::scene::{Scene, Surface};
-use rebond_bvh::{Hit, Ray};
+use rebond_bvh::{Hit, Ray, Trace};
 use rebond_lanes::{Index, Mask, Real};
 use serde::{Deserialize, Serialize};
 
@@ -211,10 +211,12 @@ pub struct SubPath<'a, F: Real = f32> {
     pub near: F,
     /// B.
     pub far: F,
-    /// Whether the ray comes from infinitely far, so that d² does not count.
+    /// Whether the ray is one of parallel ones, so that d² does not count.
     pub from_far: F::Mask,
     /// Whether the ray left in a direction that only its sampler finds.
     pub specular: F::Mask,
+    /// Whether it left what is hidden from the eye, as points and beams are.
+    pub hidden: F::Mask,
     /// Segments, the ray under way included.
     pub segments: u32,
     source: Option<Source<F>>,
@@ -254,6 +256,7 @@ impl<'a, F: Real> SubPath<'a, F> {
             far,
             from_far: F::Mask::splat(camera.is_parallel()),
             specular: F::Mask::splat(true),
+            hidden: F::Mask::splat(false),
             segments: 1,
             source: None,
         }
@@ -263,13 +266,15 @@ impl<'a, F: Real> SubPath<'a, F> {
     pub fn from_light(scene: &'a Scene, heuristic: Option<Heuristic>, source: &Source<F>, time: F) -> Self {
         let (emitters, emission) = (scene.emitters(), &source.emission);
         let (position, direction) = (emission.pdf.position.0, emission.pdf.direction.0);
-        let infinite = emitters.is_infinite::<F>(source.emitter);
+        let parallel = emitters.is_parallel::<F>(source.emitter);
         let (mut near, mut far) = (F::zero(), F::zero());
+        let mut hidden = F::Mask::splat(scene.hides_emitters());
         if heuristic.is_some() {
-            let cos = F::select(infinite, F::one(), emission.normal.dot(emission.d).abs());
-            near = F::select(infinite, position, direction).recip();
+            let cos = F::select(parallel, F::one(), emission.normal.dot(emission.d).abs());
+            near = F::select(parallel, position, direction).recip();
             let hittable = emitters.is_hittable::<F>(source.emitter);
             far = F::select(hittable, cos / (position * direction * source.probability), F::zero());
+            hidden = hidden | !hittable;
         }
         Self {
             scene,
@@ -283,8 +288,9 @@ impl<'a, F: Real> SubPath<'a, F> {
             eta_squared: F::one(),
             near,
             far,
-            from_far: infinite,
+            from_far: parallel,
             specular: F::Mask::splat(false),
+            hidden,
             segments: 1,
             source: Some(*source),
         }
@@ -305,6 +311,16 @@ impl<'a, F: Real> SubPath<'a, F> {
     /// What the ray counts.
     pub fn throughput(&self) -> Rgb<F> {
         self.start * self.carried
+    }
+
+    /// Where the rays of `mask`, which meet something at the distance `met`, end for an eye that they come from: there, or farther if
+    /// it sees no lights.
+    #[inline(always)]
+    pub fn end(&self, met: F, mask: F::Mask) -> F
+    where
+        F: Trace,
+    {
+        if self.scene.hides_emitters() && mask.any() { self.scene.see(&self.ray, mask).t } else { met }
     }
 
     /// The vertices that the rays of `mask` hit. Mixed materials draw one of their parts.
@@ -378,6 +394,9 @@ impl<'a, F: Real> SubPath<'a, F> {
         (self.from, self.normal) = (vertex.surface.p, bsdf.normal());
         (self.ray.o, self.ray.d) = (vertex.surface.leave(next.w).array(), next.w.array());
         (self.from_far, self.specular) = (F::Mask::splat(false), next.specular);
+        if self.scene.hides_emitters() {
+            self.hidden = vertex.surface.is_emitter();
+        }
         self.segments += 1;
         alive
     }

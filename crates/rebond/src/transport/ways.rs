@@ -112,10 +112,11 @@ impl<'a, F: Trace> Ways<'a, F> {
     ) {
         let (camera, h, time) = (self.scene.camera(), self.heuristic, path.ray.time);
         let crossing = camera.crossing(path.origin(), path.direction(), time);
-        let mut mask = alive & crossing.mask & crossing.free.lt(end);
+        let mut mask = (alive & crossing.mask).and_not(path.hidden);
         if self.alone {
             mask = mask & path.specular;
         }
+        mask = mask & crossing.free.lt(path.end(end, mask));
         if mask.none() {
             return;
         }
@@ -132,7 +133,7 @@ impl<'a, F: Trace> Ways<'a, F> {
 
     /// s = 0: the surroundings.
     pub fn escape(&mut self, path: &SubPath<'a, F>, state: F::Index, mask: F::Mask) {
-        if mask.none() {
+        if mask.none() || (self.scene.hides_emitters() && path.segments == 1) {
             return;
         }
         let (scene, h, w) = (self.scene, self.heuristic, path.direction());
@@ -207,7 +208,7 @@ impl<'a, F: Trace> Ways<'a, F> {
         let drawn = F::select(hittable, by_area, F::one());
         let source = scene.light_sampler().source_probability::<F>(emitter);
         let pdf = scene.emitters().emission_pdf(emitter, time, light.normal, -light.wi, shadow.mask);
-        let distance = F::select(light.infinite, F::one(), to.length_squared());
+        let distance = F::select(scene.emitters().is_parallel::<F>(emitter), F::one(), to.length_squared());
         let found = source * pdf.position.0 * pdf.direction.0 * vertex.cos(light.wi) / (distance * choice * drawn);
         let by_light = F::select(hittable, value.pdf.0 / (choice * light.pdf.0), F::zero());
         let weight = self.weight([by_light, vertex.others(h, found, back)]);

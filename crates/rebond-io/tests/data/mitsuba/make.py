@@ -107,6 +107,43 @@ def serialized(path):
     path.write_bytes(out + b"".join(struct.pack("<Q", p) for p in places) + struct.pack("<I", len(places)))
 
 
+def bsdf(path, alpha, thetas, phis):
+    """Measurements in RGL's format: facets of GGX, and for colours waves that no symmetry has. The same direction of the viewer's azimuth
+    for all if there is one phi."""
+    n, (ax, ay) = 12, alpha
+    square = [(x / (n - 1), y / (n - 1)) for y in range(n) for x in range(n)]
+    polar = lambda t, p: (math.sin(t) * math.cos(p), math.sin(t) * math.sin(p), math.cos(t))
+    facet = lambda u: polar(u[0] ** 2 * math.pi / 2, (2 * u[1] - 1) * math.pi)
+    d = lambda m: 1 / (math.pi * ax * ay * ((m[0] / ax) ** 2 + (m[1] / ay) ** 2 + m[2] ** 2) ** 2)
+    sigma = lambda w: 0.5 * (w[2] + math.sqrt(w[2] ** 2 + (ax * w[0]) ** 2 + (ay * w[1]) ** 2))
+    seen = lambda w, m: d(m) * max(0, sum(map(float.__mul__, w, m))) * math.sqrt(m[0] ** 2 + m[1] ** 2)
+    vndf, rgb, luminance = [], [], []
+    for phi in phis:
+        for theta in thetas:
+            w = polar(theta, phi)
+            vndf += [seen(w, facet(u)) * u[0] + 1e-3 for u in square]
+            wave = lambda k, u: 0.45 + 0.4 * math.sin((3 + k) * u[0] + 5 * u[1] + theta - phi + k)
+            colors = [[wave(k, u) for u in square] for k in range(3)]
+            rgb += sum(colors, [])
+            luminance += [0.2126 * r + 0.7152 * g + 0.0722 * b for r, g, b in zip(*colors)]
+    count = (len(phis), len(thetas))
+    fields = [
+        ("theta_i", (len(thetas),), thetas), ("phi_i", (len(phis),), phis),
+        ("ndf", (n, n), [d(facet(u)) for u in square]), ("sigma", (n, n), [sigma(facet(u)) for u in square]),
+        ("vndf", (*count, n, n), vndf), ("luminance", (*count, n, n), luminance), ("rgb", (*count, 3, n, n), rgb),
+        ("jacobian", (1,), b"\1"), ("description", (5,), b"waves"),
+    ]
+    head = b"tensor_file\0\1\0" + struct.pack("<I", len(fields))
+    size = len(head) + sum(13 + len(name) + 8 * len(shape) for name, shape, _ in fields)
+    body = b""
+    for name, shape, data in fields:
+        is_bytes = isinstance(data, bytes)
+        head += struct.pack("<H", len(name)) + name.encode() + struct.pack("<HBQ", len(shape), 1 if is_bytes else 10, size + len(body))
+        head += struct.pack(f"<{len(shape)}Q", *shape)
+        body += data if is_bytes else struct.pack(f"<{len(data)}f", *data)
+    path.write_bytes(head + body)
+
+
 def main():
     HERE.mkdir(exist_ok=True)
     # Coloured quarters with a light corner: which way up, and which way round, shows at once.
@@ -116,7 +153,6 @@ def main():
     png(HERE / "quarters.png", rows)
     png(HERE / "holes.png", [[(255,) * 3 if (x - 3.5) ** 2 + (y - 3) ** 2 > 5 else (0,) * 3 for x in range(8)] for y in range(8)])
     slope = lambda x, y: (0.3 * math.sin(2 * math.pi * x / 16), 0.2 * math.cos(2 * math.pi * y / 16))
-    # Both programs' rough metal is alike up to 0.2, and no longer above.
     small = [[(0.04, 0.2, 0.1), (0.16, 0.06, 0.12)], [(0.1, 0.12, 0.2), (0.2, 0.05, 0.02)]]
     pfm(HERE / "small.pfm", [[small[y // 2][x // 2] for x in range(4)] for y in range(4)])
     png(HERE / "dim.png", [[tuple(round(600 * x) for x in small[y // 2][x // 2]) for x in range(4)] for y in range(4)])
@@ -136,6 +172,8 @@ def main():
     ply(HERE / "lump-normals.ply", True)
     ply(HERE / "painted.ply", False, True)
     serialized(HERE / "two.serialized")
+    bsdf(HERE / "waves.bsdf", (0.3, 0.3), [0.0, 0.3, 0.7, 1.1, 1.5], [0.0])
+    bsdf(HERE / "brushed-waves.bsdf", (0.5, 0.2), [0.0, 0.6, 1.4], [-math.pi, -2.0, -0.9, 0.0])
 
 
 if __name__ == "__main__":

@@ -391,10 +391,10 @@ fn look<'a, F: Trace>(
     while alive.any() {
         let u = Dimensions::new(eye.stream(), F::Index::splat(path.segments - 1), PER_BOUNCE);
         rays.add(path.segments, alive.count());
-        let hit = scene.intersect(&path.ray, alive, path.segments == 1);
+        let hit = scene.meet(&path.ray, alive, path.segments == 1);
         let found = alive & is_hit(&hit);
         let escaped = alive.and_not(found);
-        if escaped.any() {
+        if escaped.any() && !(scene.hides_emitters() && path.segments == 1) {
             light += (path.throughput() * emitted(scene, &path, None)).masked(escaped);
         }
         if found.none() {
