@@ -1,12 +1,13 @@
 """Photon mapping and vertex connection and merging: speed, error against photons, and caustics in a mirror.
 
-    python3 run.py [speed] [error] [caustic] [figures] [--rounds 3] [--save]
+    python3 run.py [speed] [error] [caustic] [figures] [--rounds 3] [--seconds 20] [--reference 1024] [--save]
 
 speed    on cornell-spheres: walks and stored photons per second, estimates per second for the 50 and the 500 nearest of 500 000
          emitted photons, seconds per progressive iteration of 262 144 photons, samples per second of vcm and bidirectional.
 error    relMSE on cornell-box against a path-traced reference as photons grow, written to error.svg; and of the direct view and
          the final gather at equal time. Without the worst 5 % of pixels: the lamp's edge is noisy whatever lights the rest.
-caustic  relMSE x time on caustic-mirror of path, bidirectional and vcm, against a mean of vcm renders of other seeds.
+caustic  relMSE x processor time on caustic-mirror of path, bidirectional and vcm, means over the rounds, against a mean of two long
+         vcm renders of other seeds; and how much of it is light that only the eye's walk finds, through mirrors and glass.
 figures  the pictures of docs/images.
 
     relMSE = mean((x - ref)^2 / (ref^2 + 0.01))        without the worst 0.1 % of pixels, unless said otherwise
@@ -17,6 +18,7 @@ import datetime
 import json
 import math
 import os
+import resource
 import statistics
 import subprocess
 import sys
@@ -41,8 +43,11 @@ def render(args, scene, integrator, size, *more, seed=0):
         file = Path(folder, "picture.pfm")
         command = [args.rebond, "render", scene, "-i", integrator, "--size", size, "--seed", str(seed)]
         command += ["--threads", str(args.threads), *more, "--quiet", "--json", "-o", str(file)]
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
         run = subprocess.run(command, check=True, stdout=subprocess.PIPE)
-        return read_pfm(file), json.loads(run.stdout)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        processor = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        return read_pfm(file), {**json.loads(run.stdout), "processor_seconds": processor}
 
 
 def rel_mse(picture, reference, trimmed=TRIMMED):
@@ -126,15 +131,29 @@ def plot(path, rows):
 
 def caustic(args):
     size, scene = "256x192", "caustic-mirror"
-    references = [render(args, scene, "vcm", size, "--time", f"{4 * args.seconds}s", seed=100 + i)[0] for i in range(2)]
-    reference = np.mean(references, axis=0)
-    result = {"reference_relMSE": rel_mse(references[0], references[1], 0) / 4}
-    for name in ("path", "bidirectional", "vcm"):
-        picture, run = render(args, scene, name, size, "--time", f"{args.seconds}s", seed=1)
-        row = {"seconds": run["render_seconds"], "spp": run["samples"] / picture[..., 0].size}
-        for kind, trimmed in (("trimmed", TRIMMED), ("whole", 0)):
-            row[kind] = rel_mse(picture, reference, trimmed) * run["render_seconds"]
-        result[name] = row
+    references = [render(args, scene, "vcm", size, "--spp", f"{args.reference}", seed=100 + i) for i in range(2)]
+    both = [picture for picture, _ in references]
+    reference = np.mean(both, axis=0)
+    pixels = reference[..., 0].size
+    own = {kind: rel_mse(*both, trimmed) / 4 for kind, trimmed in (("trimmed", TRIMMED), ("whole", 0))}
+    result = {"reference": {"spp": sum(run["samples"] for _, run in references) / pixels, **own}}
+    # Light that met mirrors and glass only is found by the eye's walk alone, whatever else there is: its share of the error, by the
+    # spread of renders of nothing else.
+    spp = 128
+    alone = [render(args, scene, "path:paths=L(S|T)*E", size, "--spp", f"{spp}", seed=200 + i)[0] for i in range(16)]
+    per_sample = (spp * np.var(alone, axis=0, ddof=1) / (reference**2 + 0.01)).mean(axis=2)
+    result["eye_alone"] = {"of_a_sample": float(per_sample.mean())}
+    result["eye_alone"]["worst_50_pixels"] = float(np.sort(per_sample, axis=None)[-50:].sum() / per_sample.sum())
+    for name, spp in (("path", 512), ("bidirectional", 64), ("vcm", 64), ("vcm:radius=0.016", 64)):
+        rows = []
+        for seed in range(1, 1 + args.rounds):
+            picture, run = render(args, scene, name, size, "--spp", f"{spp}", seed=seed)
+            seconds = run["processor_seconds"]
+            row = {"spp": spp, "seconds": seconds, "eye_alone": float(per_sample.mean()) / spp * seconds}
+            for kind, trimmed in (("trimmed", TRIMMED), ("whole", 0)):
+                row[kind] = rel_mse(picture, reference, trimmed) * seconds
+            rows.append(row)
+        result[name] = {key: statistics.mean(row[key] for row in rows) for key in rows[0]} | {"rounds": rows}
     print(json.dumps(result, indent=1))
     return result
 
@@ -163,7 +182,8 @@ def main():
     parts = {"speed": speed, "error": error, "caustic": caustic, "figures": figures}
     parser.add_argument("parts", nargs="*", default=["speed", "error", "caustic"], metavar="PART", help=", ".join(parts))
     parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--seconds", type=float, default=20.0, help="time of a render of `caustic` and of equal time")
+    parser.add_argument("--seconds", type=float, default=20.0, help="time of a render of equal time and of the pictures of `caustic`")
+    parser.add_argument("--reference", type=int, default=1024, help="samples of each of the two references of `caustic`")
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--rebond", default=str(HERE.parents[1] / "target" / "release" / "rebond"), help="the program")
     parser.add_argument("--save", action="store_true", help="keep the raw figures in results/")

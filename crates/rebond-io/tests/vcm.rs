@@ -9,6 +9,7 @@ use rebond::math::Moments;
 use rebond::render::{Budget, Engine, Region, render};
 use rebond::sampling::{Sampler, SamplerSettings};
 use rebond_io::from_settings;
+use std::f64::consts::PI;
 
 const LENS: &str = "type = \"thin-lens\"\naperture_radius = 60\nfocus_distance = 1000";
 
@@ -161,6 +162,86 @@ fn same_bits() {
         parts.merge(&film(3, 1, 2));
         parts.merge(&film(4, 5, 2));
         assert!(parts == whole, "{text}: in parts");
+    }
+}
+
+/// A point shines on a square below, a sixth of all directions; a mirror above shows it the square at three times the distance. All
+/// other walks are lost. The eye looks at each sixteenth of the square's side once a sample, anywhere within it: particles within the
+/// disks around these points are merged with, the rest is wasted.
+#[test]
+fn lost_walks_and_wasted_particles() {
+    let source = parse(
+        r#"
+        film = { width = 16, height = 16, filter = { type = "box" } }
+        camera = { type = "orthographic", to_world.look_at = { origin = [0, 0, 0.5], target = [0, 0, -1], up = [0, 1, 0] } }
+        sampler = { type = "independent" }
+        [[shapes]]
+        type = "rectangle"
+        to_world = [{ translate = [0, 0, -1] }]
+        material = { type = "diffuse", reflectance = 0.5 }
+        [[shapes]]
+        type = "rectangle"
+        to_world = [{ rotate = { axis = [1, 0, 0], angle = 180 } }, { translate = [0, 0, 1] }]
+        material = { type = "mirror", reflectance = 1 }
+        [[emitters]]
+        type = "point"
+        position = [0, 0, 0]
+        intensity = 1
+        "#,
+    );
+    let scene = source.build().expect("a good scene");
+    let counts = |text: &str, seed: u64| {
+        let sampler = Sampler::new(SamplerSettings::Independent {}, seed);
+        let integrator = settings(text).integrator(&scene, sampler, Engine::default()).expect("settings");
+        let (mut film, budget) = (Film::new(16, 16), Budget { samples: Some(16), ..Budget::default() });
+        render(&*integrator, &mut film, Region::whole(16, 16), 0, &budget, 2, &());
+        let counts = integrator.counts();
+        ["light_walks", "light_walks_lost", "particles_stored", "particles_wasted"]
+            .map(|name| counts.iter().find(|(n, _)| *n == name).map_or(0.0, |(_, n)| *n as f64))
+    };
+    // Of the sphere of directions, a square of half side 1 at distance d covers asin(1 / (1 + d²)) / π.
+    let square = |d: f64| (1.0 / (1.0 + d * d)).asin() / PI;
+    let (mut lost, mut merged) = (Moments::default(), Moments::default());
+    for seed in 0..32 {
+        let [all, gone, stored, wasted] = counts("vcm:mode=photon,radius=0.0125,alpha=0.999999", seed);
+        lost.add(gone / all);
+        merged.add((stored - wasted) / stored);
+    }
+    for (found, expected, what) in
+        [(lost, 1.0 - square(1.0) - square(3.0), "lost"), (merged, PI * 0.1_f64.powi(2), "merged")]
+    {
+        assert!(found.p_value(expected) > LEVEL / 2.0, "{what}: {} for {expected}", found.mean());
+    }
+    // From anywhere all are near by.
+    let [.., stored, wasted] = counts("vcm:radius=9,alpha=0.999999", 1);
+    assert!(stored > 0.0 && wasted == 0.0, "{wasted} of {stored}");
+}
+
+/// A pixel's own variance is what the film says it is. In the furnace hardly anything but particles varies: two samples that were
+/// merged with the same ones would show there.
+#[test]
+fn variances_are_known() {
+    for (name, text, samples) in [
+        ("cornell-box", "vcm:max_depth=3", 16),
+        ("cornell-box", "vcm:mode=photon,max_depth=3", 16),
+        ("cornell-box", "photon:progressive=true,photons=64,max_depth=3", 16),
+        ("furnace", "vcm:mode=photon,radius=0.5", 4),
+        ("furnace", "photon:progressive=true,photons=64,radius=0.5", 4),
+    ] {
+        let scene = small(name, [8, 8]).build().expect("a good scene");
+        let (mut stated, mut means) = ([Moments::default(); 64], [Moments::default(); 64]);
+        for seed in 0..400 {
+            let sampler = Sampler::new(SamplerSettings::Independent {}, seed);
+            let integrator = settings(text).integrator(&scene, sampler, Engine::default()).expect("settings");
+            let (mut film, budget) = (Film::new(8, 8), Budget { samples: Some(samples), ..Budget::default() });
+            render(&*integrator, &mut film, Region::whole(8, 8), 0, &budget, 2, &());
+            for ((value, stated), mean) in film.values().zip(&mut stated).zip(&mut means) {
+                stated.add(value.variance[1]);
+                mean.add(value.mean[1]);
+            }
+        }
+        let ratio = stated.iter().map(Moments::mean).sum::<f64>() / means.iter().map(Moments::variance).sum::<f64>();
+        assert!((ratio - 1.0).abs() < 0.1, "{name}, {text}: {ratio} of the variance");
     }
 }
 

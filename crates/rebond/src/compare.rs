@@ -378,9 +378,9 @@ impl Welch {
 /// Tests block by block (8×8 pixels are usual) whether two renderings have the same expectation.
 ///
 /// The mean of a block of $n$ pixels has the variance $\sum_i v_i/n^2$, where the pixels are independent, as they are
-/// unless splats tie them together. Welch, "The generalization of Student's problem" (1947): the difference over its
-/// standard error has Student's distribution with about $(\sum v_i)^2 / \sum v_i^2/(N_i-1)$ degrees of freedom, sums
-/// over the pixels of both images.
+/// unless splats tie them together, or particles of light that they share. Welch, "The generalization of Student's
+/// problem" (1947): the difference over its standard error has Student's distribution with about
+/// $(\sum v_i)^2 / \sum v_i^2/(N_i-1)$ degrees of freedom, sums over the pixels of both images.
 ///
 /// Variances estimated from stratified or quasi-random samples are too large, which makes the test milder than α.
 /// Channels are not independent of each other: test one, or each by itself.

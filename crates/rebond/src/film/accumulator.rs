@@ -200,7 +200,8 @@ pub struct Film {
 pub struct Value {
     /// The mean.
     pub mean: [f64; 3],
-    /// The variance of that mean.
+    /// The variance of that mean, of this pixel by itself: neighbours that splats or particles of light tie together have means that
+    /// vary by more or less than the sum of these.
     pub variance: [f64; 3],
 }
 

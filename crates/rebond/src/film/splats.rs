@@ -9,7 +9,8 @@
 //!
 //! The variance is known by the squares of X_kj, in which everything that one path brings to one pixel is added up first. It
 //! holds for each pixel by itself. Pixels that one path reaches are tied together, which no number per pixel can say: means over
-//! many pixels vary more or less than the sum of these variances says. Where that matters, take the spread of several films.
+//! many pixels vary more or less than the sum of these variances says; so do those whose samples look at the same particles of light
+//! (`photon`, `vcm`). Where that matters, take the spread of several films.
 
 use super::accumulator::{LARGEST_SAMPLE, Pixel, SQUARE_BITS, SQUARES_REACH, VALUE_BITS, WEIGHT_BITS};
 use rebond_lanes::prefetch;

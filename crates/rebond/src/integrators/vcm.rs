@@ -31,10 +31,21 @@
 //!
 //! Pixels go in bands of up to 1024 tiles, each with the walks of its own pixels. A walk of light is connected to the eye's walk of its
 //! pixel, then forgotten but for its particles, some 150 bytes for each vertex of up to 2¹⁸ walks, whatever the size of the picture:
-//! those are what the next band is merged with, or the first of the next sample, so that walks are traced once. Where none were kept, because rendering
-//! begins here, η changes, or the shutter is open for longer than a moment, those of the band before are traced for their particles alone;
-//! the very first band merges with its own. Expectations do not depend on which walks these are. What must be one is η, for weights to add up: it is that of the
-//! first of samples 2ʲ to 2ʲ⁺¹, and of a band of mean size, though radii shrink and N may be another.
+//! those are what the next band is merged with, or the first of the next sample, so that walks are traced once. Where none were kept,
+//! because rendering begins here, η changes, or the shutter is open for longer than a moment, those of the band before are traced for
+//! their particles alone; the very first band merges with walks of no sample. Expectations do not depend on which walks these are. What
+//! must be one is η, for weights to add up: it is that of the first of samples 2ʲ to 2ʲ⁺¹, and of a band of mean size, though radii
+//! shrink and N may be another.
+//!
+//! Pixels that are merged with the same particles vary together, and a pixel's splats with what it is merged with a sample later: its
+//! variance is some per cent more than the film says, that of a block of pixels may be half as much again (docs/decisions.md).
+//!
+//! | counted | |
+//! |---|---|
+//! | `light_walks` | walks from the light, those that were traced again too |
+//! | `light_walks_lost` | those that left the scene before they met anything but mirrors and glass |
+//! | `particles_stored` | vertices of walks that the eye's walks were merged with, or might have been |
+//! | `particles_wasted` | those that no walk of the eye came near |
 
 use super::IntegratorError;
 use crate::bsdf::TransportMode;
@@ -141,6 +152,10 @@ impl VcmSettings {
 /// How much of the square of the radius a sample leaves, if nothing else is asked for.
 const ALPHA: f32 = 0.75;
 
+/// The sample whose walks the very first band is merged with. No picture has it: with those of sample 0, which the next sample is
+/// merged with, these two would not be independent of each other.
+const BEFORE_ALL: u32 = u32::MAX - 1;
+
 /// Tiles of a band at most.
 const BAND: u64 = 1024;
 
@@ -170,8 +185,9 @@ struct Work<'a, F: Real> {
     /// The light's walks.
     light: Walk<'a, F>,
     particles: Vec<Particle>,
-    /// How many of light's walks were begun.
+    /// How many of light's walks were begun, and how many were lost.
     walks: u64,
+    lost: u64,
     neighbours: Neighbours,
     ways: Ways<'a, F>,
     rays: Rays,
@@ -198,9 +214,26 @@ pub struct Vcm<'a> {
     max_depth: u32,
     ending: Ending,
     heuristic: Heuristic,
-    /// Walks traced from the light, repeated ones too, and particles that there were to merge with.
+    counts: Counts,
+}
+
+/// What became of light.
+#[derive(Default)]
+struct Counts {
+    /// Walks traced from the light, repeated ones too.
     emitted: AtomicU64,
+    /// Those that left the scene before they met anything but mirrors and glass.
+    lost: AtomicU64,
+    /// Particles that there were to merge with.
     stored: AtomicU64,
+    /// Those that nothing was merged with.
+    wasted: AtomicU64,
+}
+
+impl Counts {
+    fn add(to: &AtomicU64, more: u64) {
+        to.fetch_add(more, Ordering::Relaxed);
+    }
 }
 
 impl<'a> Vcm<'a> {
@@ -224,8 +257,8 @@ impl<'a> Vcm<'a> {
         let max_depth = max_depth.map_or(u32::MAX, NonZeroU32::get);
         let ending = Ending { roulette, survival, rr_depth };
         let alpha = alpha.unwrap_or(ALPHA);
-        let (emitted, stored) = Default::default();
-        Ok(Self { scene, sampler, engine, mode, first_radius, alpha, max_depth, ending, heuristic, emitted, stored })
+        let counts = Counts::default();
+        Ok(Self { scene, sampler, engine, mode, first_radius, alpha, max_depth, ending, heuristic, counts })
     }
 
     fn connects(&self) -> bool {
@@ -271,6 +304,7 @@ impl<'a> Vcm<'a> {
         }
         let mut path = SubPath::from_light(scene, Some(self.heuristic), &source, time);
         let mut alive = samples.mask & source.emission.weight.is_lit();
+        let mut stored = F::Mask::splat(false);
         // Only through the lens do the longest paths have all their segments from here.
         let longest = if camera.has_lens() { self.max_depth } else { self.max_depth - 1 };
         while alive.any() && path.segments <= longest {
@@ -281,14 +315,16 @@ impl<'a> Vcm<'a> {
             if to_lens && camera.has_lens() {
                 work.ways.cross_lens(&[], &path, hit.t, u.pair(PIXEL), alive);
             }
+            work.lost += u64::from(alive.and_not(is_hit(&hit) | stored).count());
             alive = alive & is_hit(&hit);
             if alive.none() || path.segments >= self.max_depth {
                 return;
             }
             let (vertex, _) = work.light.arrive(&mut path, &hit, &u, alive);
+            let kept = vertex.mask.and_not(vertex.bsdf.is_specular());
+            stored = stored | kept;
             if now.keeps || only {
                 // Without the merging here, which is taken into account where it is done.
-                let kept = vertex.mask.and_not(vertex.bsdf.is_specular());
                 Particle::keep(vertex, path.segments, kept, |_, particle| work.particles.push(particle));
             }
             self.may_merge(&mut path, vertex, &now);
@@ -400,6 +436,7 @@ impl<'a> Vcm<'a> {
                 light: Walk::default(),
                 particles: Vec::new(),
                 walks: 0,
+                lost: 0,
                 neighbours: Neighbours::default(),
                 ways: Ways {
                     scene: self.scene,
@@ -421,7 +458,8 @@ impl<'a> Vcm<'a> {
                 let own = std::mem::take(&mut work.particles);
                 particles.lock().unwrap_or_else(|e| e.into_inner()).push((tiles.number(&tile), own));
             }
-            self.emitted.fetch_add(work.walks, Ordering::Relaxed);
+            Counts::add(&self.counts.emitted, work.walks);
+            Counts::add(&self.counts.lost, work.lost);
             traced.lock().unwrap_or_else(|e| e.into_inner()).merge(&work.rays);
         });
         let mut all = traced.into_inner().unwrap_or_else(|e| e.into_inner());
@@ -456,7 +494,7 @@ impl<'a> Vcm<'a> {
             }
             let parts: Vec<&[Particle]> = kept.particles.iter().map(|own| &own[..]).collect();
             kept.grid.fill(&parts, now.radius, pass.threads);
-            self.stored.fetch_add(kept.grid.len() as u64, Ordering::Relaxed);
+            Counts::add(&self.counts.stored, kept.grid.len() as u64);
             kept.particles.iter_mut().for_each(Vec::clear);
             kept.spare.append(&mut kept.particles);
         }
@@ -476,6 +514,9 @@ impl<'a> Vcm<'a> {
             work.ways.sheets.clear();
         });
         rays.merge(&more);
+        if self.merges() {
+            Counts::add(&self.counts.wasted, kept.grid.unused() as u64);
+        }
         // Without particles they are only memory.
         let to = if now.keeps { &mut kept.particles } else { &mut kept.spare };
         to.extend(particles);
@@ -509,7 +550,7 @@ impl Integrator for Vcm<'_> {
                 let before = match number.checked_sub(1) {
                     Some(number) => (iteration, band(number)),
                     None if iteration > 0 => (iteration - 1, band(bands - 1)),
-                    None => (iteration, band(0)),
+                    None => (BEFORE_ALL, band(bands - 1)),
                 };
                 let after = number + 1 < bands || (iteration + 1 < pass.samples.end && eta_of(iteration + 1) == eta);
                 let walks = Tiles::new(film, &one, observer).pixels(before.1.clone());
@@ -530,7 +571,14 @@ impl Integrator for Vcm<'_> {
     }
 
     fn counts(&self) -> Vec<(&'static str, u64)> {
-        let count = |count: &AtomicU64| count.load(Ordering::Relaxed);
-        vec![("light_walks", count(&self.emitted)), ("particles_stored", count(&self.stored))]
+        let Counts { emitted, lost, stored, wasted } = &self.counts;
+        [
+            ("light_walks", emitted),
+            ("light_walks_lost", lost),
+            ("particles_stored", stored),
+            ("particles_wasted", wasted),
+        ]
+        .map(|(name, count)| (name, count.load(Ordering::Relaxed)))
+        .to_vec()
     }
 }

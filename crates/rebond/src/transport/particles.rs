@@ -119,7 +119,10 @@ impl Neighbours {
         for (lane, item, squared) in &self.found {
             let (particle, lane) = (grid.item(*item), *lane as usize % 16);
             let row = counts[lane];
-            counts[lane] += usize::from(particle.segments <= longest);
+            if particle.segments <= longest {
+                counts[lane] += 1;
+                grid.use_item(*item);
+            }
             if row == self.rows.len() {
                 self.rows.push([[0.0; 16]; COLUMNS]);
             }

@@ -4,6 +4,7 @@
 //! are one run. Of the table's runs a query reads four; what else the hash brings there is told apart by its place.
 
 use rebond_lanes::prefetch;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Something that has a place.
 pub trait Placed: Copy + Default + Send + Sync {
@@ -18,6 +19,8 @@ pub struct PointGrid<T> {
     items: Vec<T>,
     /// Where they are: most that a query looks at are too far away, and this is all it needs to know.
     places: Vec<[f32; 3]>,
+    /// Which of them were of use to somebody.
+    used: Vec<AtomicBool>,
     /// Where the items of each cell begin; one number more than there are cells.
     starts: Vec<u32>,
     /// Cell of each item, as they came.
@@ -79,6 +82,8 @@ impl<T: Placed> PointGrid<T> {
         self.items.resize(count, T::default());
         self.places.resize(count, [0.0; 3]);
         self.cells.resize(count, 0);
+        self.used.clear();
+        self.used.resize_with(count, AtomicBool::default);
         self.starts.clear();
         self.starts.resize(table + 1, 0);
 
@@ -198,6 +203,21 @@ impl<T: Placed> PointGrid<T> {
     /// The item of this number.
     pub fn item(&self, number: u32) -> &T {
         &self.items[number as usize]
+    }
+
+    /// Notes that the item of this number was of use.
+    #[inline(always)]
+    pub fn use_item(&self, number: u32) {
+        // Most were before, and what is only read all threads can have beside them.
+        let used = &self.used[number as usize];
+        if !used.load(Ordering::Relaxed) {
+            used.store(true, Ordering::Relaxed);
+        }
+    }
+
+    /// How many items were of use to nobody.
+    pub fn unused(&self) -> usize {
+        self.used.iter().filter(|used| !used.load(Ordering::Relaxed)).count()
     }
 
     /// How many items.

@@ -16,6 +16,13 @@
 //! A direction of the gather that meets a surface nearer than the radius of the estimate there would show its blur: it is followed
 //! for one more bounce. Where the bias comes from, and how it vanishes, is in Jensen 2001, ch. 7. Photons keep no time: those of
 //! things that move are blurred over the shutter, unless it is progressive.
+//!
+//! | counted | |
+//! |---|---|
+//! | `photons_emitted` | walks from the light |
+//! | `photons_stored` | vertices of walks that are in the map |
+//! | `photons_lost` | walks that left the scene, whatever they had stored |
+//! | `photons_wasted` | walks that stored nothing |
 
 mod emission;
 mod map;
