@@ -240,6 +240,42 @@ fn points_before_a_lens_are_not_seen() {
     }
 }
 
+/// A point's light that a mirror sends through the lens is found by the light's walk alone, by whatever integrator.
+#[test]
+fn points_in_a_mirror_before_a_lens() {
+    let source = parse(
+        r#"
+        film = { width = 8, height = 8 }
+        [camera]
+        type = "thin-lens"
+        fov = 50
+        aperture_radius = 0.5
+        focus_distance = 5
+        to_world.look_at = { origin = [0, -4, 3], target = [0.1, -2.1, 0], up = [0, 0, 1] }
+        [[shapes]]
+        type = "rectangle"
+        to_world = { scale = 4 }
+        material = { type = "mirror", reflectance = 1 }
+        [[emitters]]
+        type = "point"
+        position = [0.2, -1, 1.8]
+        intensity = 1
+        "#,
+    );
+    for integrator in ["bidirectional", "vcm:mode=light"] {
+        let (mut light, mut difference) = (Moments::default(), Moments::default());
+        for seed in 0..16 {
+            let job = |seed| Job { samples: 0..512, seed, ..Job::default() };
+            let mean = |integrator: &str, seed| f64::from(film(&source, integrator, &job(seed)).mean()[1]);
+            let reference = mean("light", seed);
+            light.add(reference);
+            difference.add(mean(integrator, 100 + seed) - reference);
+        }
+        assert!(light.mean() > 0.0);
+        assert!(difference.p_value(0.0) > LEVEL, "{integrator}: {} beside {}", difference.mean(), light.mean());
+    }
+}
+
 /// A wall before a beam: E ρ/π where it is met, nothing elsewhere, and all of the power A E in the room.
 #[test]
 fn beams_are_their_closed_form() {

@@ -1,4 +1,5 @@
-//! Beckmann's distribution of facets, whose slopes are Gaussian, and Smith's Λ of them (Walter et al. 2007, eq. 25; Heitz 2014, eq. 68, whose error function is that of Abramowitz and Stegun 1964, 7.1.26):
+//! Beckmann's distribution of facets, whose slopes are Gaussian, and Smith's Λ of them (Walter et al. 2007, eq. 25; Heitz 2014,
+//! eq. 68, whose error function is that of Abramowitz and Stegun 1964, 7.1.26):
 //!
 //! ```text
 //! D(h) = exp(−t) / (π αx αy cos⁴θ)        t = ((hx/αx)² + (hy/αy)²) / hz²

@@ -633,7 +633,7 @@ pub enum MaterialDescription {
         /// Its colour.
         #[serde(default = "eighty_percent")]
         base_color: Texture,
-        /// Roughness; α is its square. What passes is less rough.
+        /// Roughness; α is its square. What passes is less rough, up to an index of 2.07.
         #[serde(default = "half_texture")]
         roughness: NumberTexture,
         /// How much it is brushed along its tangent, in [0, 1].

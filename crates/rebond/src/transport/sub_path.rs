@@ -394,9 +394,8 @@ impl<'a, F: Real> SubPath<'a, F> {
         (self.from, self.normal) = (vertex.surface.p, bsdf.normal());
         (self.ray.o, self.ray.d) = (vertex.surface.leave(next.w).array(), next.w.array());
         (self.from_far, self.specular) = (F::Mask::splat(false), next.specular);
-        if self.scene.hides_emitters() {
-            self.hidden = vertex.surface.is_emitter();
-        }
+        let hides = F::Mask::splat(self.scene.hides_emitters());
+        self.hidden = hides & vertex.surface.is_emitter();
         self.segments += 1;
         alive
     }
