@@ -266,7 +266,7 @@ fn points_in_a_mirror_before_a_lens() {
         let (mut light, mut difference) = (Moments::default(), Moments::default());
         for seed in 0..16 {
             let job = |seed| Job { samples: 0..512, seed, ..Job::default() };
-            let mean = |integrator: &str, seed| f64::from(film(&source, integrator, &job(seed)).mean()[1]);
+            let mean = |integrator: &str, seed| film(&source, integrator, &job(seed)).mean()[1];
             let reference = mean("light", seed);
             light.add(reference);
             difference.add(mean(integrator, 100 + seed) - reference);
