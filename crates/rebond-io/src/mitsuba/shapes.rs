@@ -160,7 +160,7 @@ impl Importer {
         // Where a lamp may show an image: rebond's spheres and disks do not.
         let image_lie = (!matches!(o.plugin.as_str(), "sphere" | "disk")).then_some(lie);
         let emitters = self.children(o, &["emitter"])?;
-        let mut beams = None;
+        let mut beams = false;
         let shine = match &emitters[..] {
             [] => None,
             [(emitter, at)] if emitter.plugin == "directionalarea" => {
@@ -173,11 +173,8 @@ impl Importer {
         let inline = |m| MaterialRef::Inline(Box::new(m));
         let material = match &self.children(o, &["bsdf"])?[..] {
             // What shines and is of no material reflects nothing.
-            [] => shine
-                .as_ref()
-                .map(|_| ())
-                .or(beams)
-                .map(|()| inline(MaterialDescription::Diffuse { reflectance: Texture::grey(0.0) })),
+            [] => (beams || shine.is_some())
+                .then(|| inline(MaterialDescription::Diffuse { reflectance: Texture::grey(0.0) })),
             [(bsdf, at)] => Some(self.material(bsdf, at, lie)?),
             _ => return Err(self.error(&o.at, "a shape with several BSDFs")),
         };
@@ -196,8 +193,8 @@ impl Importer {
         Ok(Common { material, emission, matrix: self.transform(o)? })
     }
 
-    /// The lights of a shape whose points shine along their normals.
-    fn beams(&mut self, o: &Object, emitter: &Rc<Object>, at: &Spot) -> Result<Option<()>> {
+    /// Adds the lights of a shape whose points shine along their normals; false if it is of another kind than those that can.
+    fn beams(&mut self, o: &Object, emitter: &Rc<Object>, at: &Spot) -> Result<bool> {
         self.passed_over(emitter, &["sampling_weight"]);
         let irradiance = self.light(emitter, "radiance")?;
         self.finish(emitter)?;
@@ -214,7 +211,7 @@ impl Importer {
             _ => {
                 let message = "a \"directionalarea\" of anything but a rectangle, a disk or a cube";
                 self.unsupported(at, message)?;
-                return Ok(None);
+                return Ok(false);
             }
         };
         let m = self.transform(o)?;
@@ -224,7 +221,7 @@ impl Importer {
             self.places.note(format!("emitters[{}]", self.scene.emitters.len()), at.part());
             self.scene.emitters.push(EmitterDescription::DirectionalArea { to_world, shape, irradiance });
         }
-        Ok(Some(()))
+        Ok(true)
     }
 
     /// The radiance of an area light, which may be an image if it is said how that lies.
