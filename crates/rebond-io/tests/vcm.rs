@@ -98,6 +98,25 @@ fn beams_of_some_width() {
     agree_on("beams", &source, &all, 20.0);
 }
 
+/// The same beams on the floor alone, by merging alone. Merging blurs their edges, which lie within the picture or far beyond it: what
+/// all pixels get together stays. (With the rest of the scene, a small radius has a few particles of the lens's neighbourhood bring most of
+/// the light, and sixteen films do not show their own spread.)
+#[test]
+fn beams_merge_alone() {
+    let mut source = beams("type = \"thin-lens\"\naperture_radius = 0.5\nfocus_distance = 5");
+    source.description.shapes.truncate(1);
+    source.description.emitters.pop();
+    let films = |integrator: &str, seed, samples| films(&source, integrator, seed, samples, &[]);
+    let path = films("path:max_depth=2", 1000, 64);
+    for (i, radius) in [0.16, 0.08].into_iter().enumerate() {
+        let merged = films(&format!("vcm:mode=merging,radius={radius}"), 100 * i as u64, 1024);
+        let both = merged.iter().zip(&path);
+        let difference: Moments = both.map(|(a, b)| a.mean()[1] / b.mean()[1] - 1.0).collect();
+        let p = difference.p_value(0.0);
+        assert!(p > LEVEL / 2.0, "radius {radius}: {} too much, p {p:.1e}", difference.mean());
+    }
+}
+
 /// Parallel rays, an image of the sky, rough metal, instances.
 #[test]
 fn sky() {

@@ -50,7 +50,7 @@ impl Default for BidirectionalSettings {
     fn default() -> Self {
         Self {
             max_depth: None,
-            rr_depth: 5,
+            rr_depth: 3,
             roulette: Roulette::default(),
             survival: 0.95,
             heuristic: Heuristic::default(),
@@ -63,7 +63,7 @@ impl Default for BidirectionalSettings {
 /// The settings, for lists.
 pub(super) const SETTINGS: &[(&str, &str)] = &[
     ("max_depth", "longest path in segments, which leaves out longer ones; unlimited if not given"),
-    ("rr_depth", "segments of either walk after which Russian roulette begins; 5"),
+    ("rr_depth", "segments of either walk after which Russian roulette begins; 3"),
     ("roulette", "how walks end: none, constant, albedo or throughput; throughput"),
     ("survival", "probability of survival (constant), or the most it may be; 0.95"),
     ("heuristic", "how the ways to find a path are weighed: balance or power; power"),
