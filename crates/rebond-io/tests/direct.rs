@@ -139,6 +139,27 @@ fn area_lights_are_their_closed_forms() {
     }
 }
 
+/// A lamp that also reflects, under another one. On its own surface the choice among lamps looks at itself from no distance at all: the
+/// probability that weights are made of must be that of the very same place.
+#[test]
+fn lamps_light_each_other() {
+    let panel = "[[shapes]]\ntype = \"rectangle\"\nemission = 3\nmaterial = { type = \"diffuse\", reflectance = 0 }\n\
+                 to_world = [{ rotate = { axis = [1, 0, 0], angle = 180 } }, { scale = 0.1 }, { translate = [0.2, 0.05, 0.3] }]\n";
+    let corners = [[0.1, -0.05], [0.3, -0.05], [0.3, 0.15], [0.1, 0.15]].map(|[x, y]| DVec3::new(x, y, 0.3));
+    let expected = 1.0 + 3.0 * from_polygon(DVec3::ZERO, DVec3::Z, &corners) * 0.5 / std::f64::consts::PI;
+    let source = floor_of("{ type = \"diffuse\", reflectance = 0.5 }\nemission = 1", panel);
+    let direct = SAMPLINGS.map(|sampling| format!("direct:sampling={sampling}"));
+    let others =
+        ["path:max_depth=2", "path:mode=explicit,max_depth=2", "recursive:depth=2", "bidirectional:max_depth=2"];
+    for integrator in direct.into_iter().chain(others.map(String::from)) {
+        for seed in SEEDS {
+            let film = film(&source, &integrator, &independent(seed, 64));
+            let (mean, p) = t_test(&film, expected);
+            assert!(p > LEVEL / 33.0, "{integrator}: {mean} for {expected}, p {p:.1e}");
+        }
+    }
+}
+
 /// The lecture's formula of a Phong surface under a point light, I/d² ρ (r+1)/2π (ωo·R(ω))ʳ.
 #[test]
 fn a_point_light_on_phong_is_exact() {

@@ -332,7 +332,7 @@ impl Shade for Direct {
     fn shade<F: Real>(&self, scene: &Scene, path: &mut PathState<F>, hit: &Hit<F>, active: F::Mask) -> Bounce<F> {
         let u = path.dimensions(0);
         let found = active & is_hit(hit);
-        let (origin, normal) = (path.origin(), path.normal());
+        let (from, normal) = (path.from(), path.normal());
         let shows_light = self.settings.factor.is_none();
 
         let escaped = active.and_not(found);
@@ -340,8 +340,7 @@ impl Shade for Direct {
             for (number, environment) in &scene.emitters().environments {
                 let emitter = F::Index::splat(*number);
                 let (radiance, pdf) = environment.eval(path.direction());
-                let weight =
-                    self.weight(path.pdf, || pdf.0 * self.probability(scene, origin, normal, emitter, escaped));
+                let weight = self.weight(path.pdf, || pdf.0 * self.probability(scene, from, normal, emitter, escaped));
                 path.add(radiance * weight, escaped & self.counts::<F>(emitter));
             }
         }
@@ -354,8 +353,8 @@ impl Shade for Direct {
             let lit = found & emission.is_lit() & self.counts::<F>(surface.emitter);
             if lit.any() {
                 let weight = self.weight(path.pdf, || {
-                    let hit = surface.seen_from(origin);
-                    let probability = self.probability(scene, origin, normal, surface.emitter, lit);
+                    let hit = surface.seen_from(from);
+                    let probability = self.probability(scene, from, normal, surface.emitter, lit);
                     scene.emitters().pdf(&hit, self.light_sampling, lit).0 * probability
                 });
                 path.add(emission * weight, lit);

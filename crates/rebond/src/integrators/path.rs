@@ -169,12 +169,12 @@ impl<const SOLID_ANGLE: bool> Shade for Path<SOLID_ANGLE> {
     ) -> Bounce<F> {
         let u = path.dimensions(PER_BOUNCE);
         let found = active & is_hit(hit);
-        let origin = path.origin();
+        let from = path.from();
 
         // Le of the surroundings, on rays that left the scene.
         let escaped = active.and_not(found);
         if escaped.any() {
-            for (radiance, light_pdf) in scene.surroundings(origin, path.normal(), path.direction()) {
+            for (radiance, light_pdf) in scene.surroundings(from, path.normal(), path.direction()) {
                 let weight = self.weight_found(path.pdf, || light_pdf);
                 journal.last(|vertex| vertex.weights.push(Weight::of(true, path.pdf, light_pdf, weight)));
                 path.add(radiance * weight, escaped);
@@ -189,7 +189,7 @@ impl<const SOLID_ANGLE: bool> Shade for Path<SOLID_ANGLE> {
         let emission = scene.emitted(&surface, found);
         let lit = found & emission.is_lit();
         if lit.any() {
-            let light_pdf = || scene.light_pdf(origin, path.normal(), &surface, Self::LIGHT_SAMPLING, lit);
+            let light_pdf = || scene.light_pdf(from, path.normal(), &surface, Self::LIGHT_SAMPLING, lit);
             let weight = self.weight_found(path.pdf, light_pdf);
             if lit.bits() & 1 == 1 {
                 journal.last(|vertex| vertex.weights.push(Weight::of(true, path.pdf, light_pdf(), weight)));

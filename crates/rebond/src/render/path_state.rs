@@ -170,6 +170,12 @@ path_state! {
         dy,
         /// Unit ray direction.
         dz,
+        /// Where it started, on the surface itself.
+        fx,
+        /// Where it started, on the surface itself.
+        fy,
+        /// Where it started, on the surface itself.
+        fz,
         /// Shading normal where the ray started.
         nx,
         /// Shading normal where the ray started.
@@ -253,6 +259,9 @@ impl<F: Real> PathState<F> {
             dx: ray.d.x,
             dy: ray.d.y,
             dz: ray.d.z,
+            fx: ray.o.x,
+            fy: ray.o.y,
+            fz: ray.o.z,
             nx: zero,
             ny: zero,
             nz: zero,
@@ -294,6 +303,13 @@ impl<F: Real> PathState<F> {
     #[inline(always)]
     pub fn direction(&self) -> Vec3<F> {
         vec3(self.dx, self.dy, self.dz)
+    }
+
+    /// Where it started, on the surface itself. What has been drawn there hangs on this place, not on [`PathState::origin`]: close to a
+    /// lamp, or on one, the two may see it quite differently.
+    #[inline(always)]
+    pub fn from(&self) -> Vec3<F> {
+        vec3(self.fx, self.fy, self.fz)
     }
 
     /// The shading normal where it started; zero at the camera.
@@ -358,6 +374,7 @@ impl<F: Real> PathState<F> {
         let t = self.throughput() * next.weight;
         [self.ox, self.oy, self.oz] = o.array();
         [self.dx, self.dy, self.dz] = next.w.array();
+        [self.fx, self.fy, self.fz] = surface.p.array();
         [self.nx, self.ny, self.nz] = normal.array();
         (self.tr, self.tg, self.tb) = (t.r, t.g, t.b);
         self.pdf = pdf;
