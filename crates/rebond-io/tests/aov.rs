@@ -4,9 +4,10 @@ mod common;
 
 use common::*;
 use rebond::film::{Aov, Film, Image};
-use rebond::render::{Budget, Engine, Region, render};
+use rebond::render::{Budget, Engine, Observer, Region, render};
 use rebond::sampling::Sampler;
 use rebond_io::SceneSource;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A ball and a floor, as seen by parallel rays from above; half of the picture is empty.
 fn scene(more: &str) -> SceneSource {
@@ -103,13 +104,14 @@ fn layers_stand_beside() {
     let mut without = with.clone();
     without.description.film.aovs.clear();
     for integrator in ["path:max_depth=3", "bidirectional:max_depth=3", "vcm:max_depth=3,radius=0.05"] {
-        let [a, b] = [&with, &without].map(|s| image(s, integrator, 8, Engine::Wavefront));
+        // More than one turn of each.
+        let [a, b] = [&with, &without].map(|s| image(s, integrator, 40, Engine::Wavefront));
         for layer in ["", "variance"] {
             assert_eq!(a.rgb(layer), b.rgb(layer), "{integrator}");
         }
         assert_eq!((a.layers.len(), b.layers.len()), (11, 3));
         for aov in Aov::ALL {
-            let alone = image(&without, &format!("aov:show={}", aov.name()), 8, Engine::Wavefront);
+            let alone = image(&without, &format!("aov:show={}", aov.name()), 40, Engine::Wavefront);
             assert_eq!(alone.rgb(""), a.rgb(aov.name()), "{}", aov.name());
         }
     }
@@ -117,6 +119,54 @@ fn layers_stand_beside() {
     let seen = image(&with, "path:max_depth=3", 8, Engine::Wavefront);
     assert_eq!(hidden.rgb("depth"), seen.rgb("depth"));
     assert_ne!(hidden.rgb(""), seen.rgb(""));
+}
+
+/// Whenever a render is stopped but at its very beginning, the picture has samples as its layers have.
+#[test]
+fn what_ends_early_has_both() {
+    struct Stop(AtomicU64);
+    impl Observer for Stop {
+        fn advance(&self, samples: u64, _: u64) {
+            self.0.fetch_add(samples, Ordering::Relaxed);
+        }
+        fn should_stop(&self) -> bool {
+            self.0.load(Ordering::Relaxed) > 32 * 32 * 20
+        }
+    }
+    let source = scene("");
+    let built = source.build().expect("a good scene");
+    let names: Vec<String> = source.description.film.aovs.iter().map(|aov| aov.name().to_owned()).collect();
+    for text in [
+        "path:max_depth=2",
+        "bidirectional:max_depth=3",
+        "vcm:max_depth=3,radius=0.05",
+        "photon:progressive=true,photons=100",
+    ] {
+        let integrator = settings(text).integrator(&built, Sampler::new(Job::default().sampler, 1), Engine::default());
+        let integrator = integrator.expect("settings that go together");
+        let mut film = Film::try_new(32, 32, &names).expect("memory");
+        let budget = Budget { samples: Some(100_000), ..Budget::default() };
+        render(&*integrator, &mut film, Region::whole(32, 32), 0, &budget, 2, &Stop(AtomicU64::new(0)));
+        let image = film.develop();
+        let bright = |layer: &str| image.rgb(layer).expect("a layer").iter().map(|c| c[0]).sum::<f32>();
+        assert!(bright("") > 0.0 && bright("depth") > 0.0, "{text}: {} and {}", bright(""), bright("depth"));
+    }
+}
+
+/// What of a sheet is neither glass nor passes is its albedo.
+#[test]
+fn albedo_of_sheets() {
+    let source = parse(
+        r#"
+        film = { width = 32, height = 32, aovs = ["albedo"] }
+        camera = { type = "orthographic", to_world.look_at = { origin = [0, 0, 5], target = [0, 0, 0], up = [0, 1, 0] } }
+        [[shapes]]
+        type = "rectangle"
+        material = { type = "principled-thin", base_color = [0.8, 0.6, 0.3], transmission = 0.5, diffuse_transmission = 0.4 }
+        "#,
+    );
+    let albedo = image(&source, "path:max_depth=2", 4, Engine::default()).rgb("albedo").expect("a layer")[32 * 16 + 16];
+    albedo.iter().zip([0.24, 0.18, 0.09]).for_each(|(a, b)| assert!((a - b).abs() < 1e-5, "{albedo:?}"));
 }
 
 /// Of a film that has no such layers the picture is rendered alone.

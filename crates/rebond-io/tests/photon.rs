@@ -103,6 +103,55 @@ fn photons_lie_evenly() {
     });
 }
 
+/// An eye that sees no lights sees the photons behind one, and none on it.
+#[test]
+fn photons_show_behind_hidden_lights() {
+    let shown = |hide: bool| {
+        let source = parse(&format!(
+            r#"
+            hide_emitters = {hide}
+            film = {{ width = 16, height = 16, filter = {{ type = "box" }} }}
+            camera = {{ type = "orthographic", to_world.look_at = {{ origin = [0, 0, 4], target = [0, 0, 0], up = [0, 1, 0] }} }}
+            [[shapes]]
+            type = "rectangle"
+            material = {{ type = "diffuse", reflectance = 0.5 }}
+            [[shapes]]
+            type = "rectangle"
+            emission = 1
+            to_world = [{{ scale = 0.5 }}, {{ translate = [0, 0, 1] }}]
+            material = {{ type = "two-sided", front = {{ type = "diffuse", reflectance = 0.5 }} }}
+            [[emitters]]
+            type = "point"
+            position = [0, 0, 3]
+            intensity = 1
+            [[emitters]]
+            type = "point"
+            position = [0, 0, 0.5]
+            intensity = 1
+            "#
+        ));
+        let mut light = [0.0; 2];
+        with_maps(
+            &source,
+            "photon:photons=40000,max_depth=2,show=true",
+            Sampler::new(Default::default(), 1),
+            |_, film| {
+                let layer = film.develop().rgb("photons").expect("a layer");
+                // The middle, which the lamp covers, and the rest.
+                for (i, value) in layer.iter().enumerate() {
+                    let middle = (5..11).contains(&(i % 16)) && (5..11).contains(&(i / 16));
+                    light[usize::from(!middle)] += f64::from(value[1]);
+                }
+            },
+        );
+        light
+    };
+    let ([seen, _], [hidden, around]) = (shown(false), shown(true));
+    // On the lamp lie those of the point above; on the wall below it those of the point that hangs there, which shines on all of the
+    // wall: fewer, but many.
+    assert!(hidden > 0.2 * around && seen > 0.0 && (hidden / seen - 1.0).abs() > 0.05, "{seen}, {hidden}, {around}");
+}
+
 /// Light of one room is not looked up in the next, however far its photons are from there.
 #[test]
 fn a_dark_room_stays_dark() {

@@ -3,6 +3,7 @@
 //! others. Read are also files of several parts, a layer each.
 
 use super::check_size;
+use exr::meta::attribute::LineOrder;
 use exr::prelude::{
     AnyChannel, AnyChannels, Compression, Encoding, FlatSamples, Image as ExrImage, Layer as ExrLayer, LayerAttributes,
     MetaData, ReadChannels, ReadLayers, Text, WritableImage,
@@ -80,7 +81,9 @@ pub(super) fn write(image: &Image) -> Result<Vec<u8>, String> {
         return Err("there are no channels".into());
     }
     let attributes = LayerAttributes { software_name: Some(Text::from("rebond")), ..LayerAttributes::default() };
-    let encoding = Encoding { compression: Compression::ZIP16, ..Encoding::FAST_LOSSLESS };
+    // Lines in order: the same picture is the same file.
+    let line_order = LineOrder::Increasing;
+    let encoding = Encoding { compression: Compression::ZIP16, line_order, ..Encoding::FAST_LOSSLESS };
     let size = (image.width as usize, image.height as usize);
     let layer = ExrLayer::new(size, attributes, encoding, AnyChannels::sort(channels.into()));
     let mut bytes = Cursor::new(Vec::new());

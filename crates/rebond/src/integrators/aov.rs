@@ -125,6 +125,9 @@ struct Beside<'a> {
     look: Look<'a>,
 }
 
+/// Samples of the picture between those of the layers.
+const TURN: u32 = 16;
+
 /// Lets nobody know of samples, which are those of the picture.
 struct Silent<'a>(&'a dyn Observer);
 
@@ -143,11 +146,17 @@ impl Integrator for Beside<'_> {
             let names = |first: &usize| film.layers()[*first..].iter().map(|(name, _)| &**name);
             first.filter(|first| names(first).eq(self.look.shown.iter().map(|aov| aov.name())))
         };
-        let mut rays = Rays::default();
-        if first.is_some() {
-            rays.merge(&self.look.look(film, pass, &Silent(observer), first));
+        // In turns, so that whatever ends early has both. An adaptive pass is one whole.
+        let (mut rays, mut at, end) = (Rays::default(), pass.samples.start, pass.samples.end);
+        let most = if first.is_some() && pass.shares.is_none() { TURN } else { u32::MAX };
+        while at < end && !observer.should_stop() {
+            let part = Pass { samples: at..end.min(at.saturating_add(most)), ..pass.clone() };
+            at = part.samples.end;
+            if first.is_some() {
+                rays.merge(&self.look.look(film, &part, &Silent(observer), first));
+            }
+            rays.merge(&self.picture.add_samples(film, &part, observer));
         }
-        rays.merge(&self.picture.add_samples(film, pass, observer));
         rays
     }
 

@@ -47,7 +47,7 @@ impl Default for LightSettings {
 
 impl LightSettings {
     pub(super) fn leaves_out(&self) -> String {
-        let mirrors = "what the eye sees in mirrors and glass is left out, unless the camera has a lens";
+        let mirrors = "what the eye sees in mirrors and glass, and surroundings by parallel rays, are left out, unless the camera has a lens";
         match (&self.max_depth, &self.paths) {
             (Some(d), _) => format!("paths of more than max_depth={d} segments are left out, and {mirrors}"),
             (None, Some(p)) => format!("only the paths {p} are shown, and {mirrors}"),

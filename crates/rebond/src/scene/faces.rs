@@ -201,6 +201,11 @@ impl Scene {
                         let lobe = self.varied.apply(&self.tables(), Index1(head[2]), Place::at(uv), lobe, true);
                         (1.0 - lobe.p[0]) * (1.0 - transmission)
                     }
+                    // What is not glass and does not pass.
+                    Model::PrincipledThin => {
+                        let [transmission, _, passes, _] = record(2);
+                        (1.0 - transmission) * (1.0 - passes)
+                    }
                     _ => return black,
                 };
                 let [r, g, b, _] = record(1);

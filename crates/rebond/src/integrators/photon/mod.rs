@@ -357,10 +357,17 @@ impl<'a> PhotonMapping<'a> {
             if !(inside && sight.importance > 0.0 && sight.w.dot(*normal) > 0.0) {
                 return None;
             }
-            let error = p.max_abs() * crate::emitter::POINT_ERROR * 2.0;
-            let o = offset_from_surface(p, error, *normal, sight.w);
-            let ray = Ray { o: o.array(), d: (sight.end - o).array(), tmax: 1.0, time: camera.time(0.0) };
-            let free = !self.scene.occluded(&ray, true);
+            let time = camera.time(0.0);
+            let free = if self.scene.hides_emitters() {
+                // Nor does the eye see those that lie on lights: what it meets must be here.
+                let ray = Ray { o: sight.end.array(), d: (p - sight.end).array(), tmax: 1.001, time };
+                let hit = self.scene.see(&ray, true);
+                is_hit(&hit) && hit.t > 0.999
+            } else {
+                let error = p.max_abs() * crate::emitter::POINT_ERROR * 2.0;
+                let o = offset_from_surface(p, error, *normal, sight.w);
+                !self.scene.occluded(&Ray { o: o.array(), d: (sight.end - o).array(), tmax: 1.0, time }, true)
+            };
             free.then(|| (at[1] as usize * region.width as usize + at[0] as usize, photon.power))
         };
         let job = |n: usize| {
