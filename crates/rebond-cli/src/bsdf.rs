@@ -139,6 +139,17 @@ fn as_json(material: &str, r: &Report, outputs: &[String]) -> Value {
     })
 }
 
+/// A number of so many digits that count.
+fn figures(x: f64, digits: usize) -> String {
+    let power = x.abs().log10().floor();
+    match x.abs() {
+        0.0 => "0".into(),
+        // Rounding may have carried it to the next power of ten, which is one digit more and no harm.
+        0.01..1e6 => format!("{x:.*}", (digits as f64 - 1.0 - power).max(0.0) as usize),
+        _ => format!("{x:.*e}", digits - 1),
+    }
+}
+
 fn as_table(material: &str, r: &Report) -> Vec<String> {
     let yes = |b: bool| if b { "yes" } else { "no" };
     let line = |property: &str, claimed: bool, holds: Option<bool>, words: String| {
@@ -161,8 +172,12 @@ fn as_table(material: &str, r: &Report) -> Vec<String> {
         format!("{} pairs, largest asymmetry {:.1e} (up to {LARGEST_ASYMMETRY:e} is rounding)", q.pairs, q.asymmetry)
     } else {
         format!(
-            "f from {:.1}° to {:.1}° is {:.3}, back it is {:.3}; asymmetry {:.2}",
-            q.from.theta, q.to.theta, q.forth, q.back, q.asymmetry
+            "f from {:.1}° to {:.1}° is {}, back it is {}; asymmetry {}",
+            q.from.theta,
+            q.to.theta,
+            figures(q.forth.into(), 5),
+            figures(q.back.into(), 5),
+            figures(q.asymmetry, 2)
         )
     };
     lines.push(line("reciprocity", r.claims.reciprocity, Some(r.is_reciprocal()), words));
@@ -202,8 +217,25 @@ fn as_table(material: &str, r: &Report) -> Vec<String> {
         Some(_) if s.undecided > 0 => {
             format!("{} of {} χ² tests: the lobe is narrower than f32 directions resolve", s.undecided, s.tests.len())
         }
-        Some(worst) => format!("{} χ² tests, smallest p = {:.2} (level {:.1e})", s.tests.len(), worst.p, s.level),
+        Some(worst) => {
+            format!("{} χ² tests, smallest p = {} (level {:.1e})", s.tests.len(), figures(worst.p, 2), s.level)
+        }
     };
     lines.push(line("sampling", true, r.is_sampled_right(), words));
     lines
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_show_the_digits_that_count() {
+        let two = [0.0, 0.0024, 0.0312, 0.4567, 0.02, 1.0].map(|x| figures(x, 2));
+        assert_eq!(two, ["0", "2.4e-3", "0.031", "0.46", "0.020", "1.0"]);
+        assert_eq!(
+            [6203.21, 6202.94, 31.4159, 2e7, 1e-4].map(|x| figures(x, 5)),
+            ["6203.2", "6202.9", "31.416", "2.0000e7", "1.0000e-4"]
+        );
+    }
 }

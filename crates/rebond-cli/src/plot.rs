@@ -1,7 +1,8 @@
 //! Charts, as SVG: curves over axes that are linear or logarithmic, drawn by plotters.
 
-use plotters::coord::ranged1d::{AsRangedCoord, ValueFormatter};
-use plotters::coord::{Shift, ranged1d::Ranged};
+use plotters::coord::Shift;
+use plotters::coord::combinators::LogCoord;
+use plotters::coord::ranged1d::{AsRangedCoord, DefaultFormatting, KeyPointHint, Ranged, ValueFormatter};
 use plotters::prelude::*;
 use std::fmt::Write;
 
@@ -84,6 +85,36 @@ impl Axis {
     }
 }
 
+/// A logarithmic axis, on which plotters marks some places twice: those from the tenfold of a power of ten on, and those of the next
+/// power.
+struct Powers(LogCoord<f64>);
+
+impl Powers {
+    fn new(range: [f64; 2]) -> Self {
+        Self((range[0]..range[1]).log_scale().into())
+    }
+}
+
+impl Ranged for Powers {
+    type FormatOption = DefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, value: &f64, limit: (i32, i32)) -> i32 {
+        self.0.map(value, limit)
+    }
+
+    fn key_points<H: KeyPointHint>(&self, hint: H) -> Vec<f64> {
+        let mut points = self.0.key_points(hint);
+        points.sort_by(f64::total_cmp);
+        points.dedup_by(|b, a| (*b / *a - 1.0).abs() < 1e-9);
+        points
+    }
+
+    fn range(&self) -> std::ops::Range<f64> {
+        self.0.range()
+    }
+}
+
 /// A number on an axis, as short as it goes.
 fn label(x: f64) -> String {
     match x.abs() {
@@ -101,15 +132,16 @@ impl Chart {
             let of_bands = self.bands.iter().flat_map(move |b| b.points.iter().flat_map(move |p| [p[k], p[k + k]]));
             of_curves.chain(of_bands)
         };
-        let ([x0, x1], [y0, y1]) = (self.x.range(values(0)), self.y.range(values(1)));
+        let (x, y) = (self.x.range(values(0)), self.y.range(values(1)));
+        let whole = |[from, to]: [f64; 2]| from..to;
         let mut out = String::new();
         let drawn = {
             let root = SVGBackend::with_string(&mut out, SIZE).into_drawing_area();
             match (self.x.log, self.y.log) {
-                (false, false) => self.draw(&root, x0..x1, y0..y1),
-                (true, false) => self.draw(&root, (x0..x1).log_scale(), y0..y1),
-                (false, true) => self.draw(&root, x0..x1, (y0..y1).log_scale()),
-                (true, true) => self.draw(&root, (x0..x1).log_scale(), (y0..y1).log_scale()),
+                (false, false) => self.draw(&root, whole(x), whole(y)),
+                (true, false) => self.draw(&root, Powers::new(x), whole(y)),
+                (false, true) => self.draw(&root, whole(x), Powers::new(y)),
+                (true, true) => self.draw(&root, Powers::new(x), Powers::new(y)),
             }
         };
         debug_assert!(drawn.is_ok(), "writing to a string cannot fail");
@@ -228,6 +260,25 @@ mod tests {
                 assert!(svg.contains("&lt;t&gt;") && !svg.contains("<t>") && !svg.contains("NaN"), "{points:?}");
             }
         }
+    }
+
+    #[test]
+    fn no_mark_of_an_axis_is_there_twice() {
+        for range in [[1.0, 100.0], [0.5, 300.0], [1.0, 64.0], [1e-3, 2.0], [1e-6, 1e3], [3.0, 30.0]] {
+            for marks in [5, 11, 50, 400] {
+                let points = Powers::new(range).key_points(marks);
+                let mut labels: Vec<String> = points.iter().map(|x| label(*x)).collect();
+                let count = labels.len();
+                assert!(count > 0, "{range:?}, {marks}");
+                labels.sort();
+                labels.dedup();
+                assert_eq!(labels.len(), count, "{range:?}, {marks}: {points:?}");
+            }
+        }
+        // Seen in a chart: what is written along the axes.
+        let axis = |label| Axis { label, log: true, range: Some([1.0, 100.0]) };
+        let svg = Chart { x: axis("x"), y: axis("y"), ..chart(true, &[[1.0, 1.0], [100.0, 100.0]]) }.svg();
+        assert_eq!(svg.lines().filter(|l| l.trim() == "10").count(), 2, "{svg}");
     }
 
     #[test]

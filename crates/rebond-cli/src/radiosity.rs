@@ -223,6 +223,7 @@ fn solved(a: &Arguments, scene: &Scene) -> Result<(Solution, Report), Failure> {
     })?;
     if !a.quiet {
         report.dropped.iter().for_each(|d| note(&format!("warning: {d}: only its diffuse part counts")));
+        report.warning().iter().for_each(|w| note(&format!("warning: {w}")));
     }
     Ok((solution, report))
 }
@@ -281,6 +282,7 @@ fn as_json(r: &Report, solver: Solver) -> Value {
         "rays": r.rays,
         "solver_bytes": r.bytes,
         "dropped": r.dropped,
+        "residual": r.residual,
     })
 }
 

@@ -208,6 +208,10 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
     if let Some([w, h]) = a.size {
         (description.film.width, description.film.height) = (w, h);
     }
+    if let Some((_, twice)) = a.aov.iter().enumerate().find(|(i, aov)| a.aov[..*i].contains(aov)) {
+        let message = format!("the layer \"{}\" of --aov is there twice", twice.name());
+        return Err(Failure::usage(message, "name each once"));
+    }
     for aov in &a.aov {
         if !description.film.aovs.contains(aov) {
             description.film.aovs.push(*aov);
@@ -314,6 +318,10 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
     progress.finish();
     if statistics.interrupted && !a.quiet {
         note("stopped: writing what there is; another Ctrl-C loses it");
+    }
+
+    if !a.quiet {
+        integrator.warnings().iter().for_each(|w| note(&format!("warning: {w}")));
     }
 
     let tonemap = match a.tonemap {

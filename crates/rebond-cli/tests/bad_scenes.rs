@@ -181,6 +181,16 @@ const VALUES: &[Mistake] = &[
     (r#""diffuse", reflectance = 0.5"#, r#""conductor", @alpha_u = 2"#, "2 is no roughness"),
     (r#""diffuse", reflectance = 0.5"#, r#""conductor", @alpha = -1"#, "-1 is no roughness"),
     (
+        r#""diffuse", reflectance = 0.5"#,
+        r#""conductor", alpha_u = 0.2, alpha_v = 0.1, @alpha = 0"#,
+        "`alpha` beside `alpha_u` and `alpha_v`",
+    ),
+    (
+        r#""diffuse", reflectance = 0.5"#,
+        r#""dielectric", @alpha = 0.3, alpha_u = 0.2, alpha_v = 0.1"#,
+        "`alpha` beside `alpha_u` and `alpha_v`",
+    ),
+    (
         r#"grey = { type = "diffuse", reflectance = 0.5 }"#,
         r#"@grey = { type = "conductor", eta = 1 }"#,
         "both `eta` and `k`",
@@ -583,6 +593,8 @@ const COMMANDS: &[(&[&str], &str, Option<&str>)] = &[
     (&["render", "furnace", "--engine", "steam"], "wavefront, scalar", None),
     (&["render", "furnace", "--tonemap", "film"], "none, reinhard, aces", None),
     (&["render", "furnace", "--exposure", "nan"], "--exposure", None),
+    (&["render", "furnace", "--aov", "uv,depth,uv"], r#"the layer "uv" of --aov is there twice"#, None),
+    (&["render", "furnace", "--aov", "depth", "--aov", "depth"], r#"the layer "depth" of --aov is there twice"#, None),
     (&["render", "furnace", "--sp", "4"], "'--spp'", None),
     (&["render"], "<SCENE>", None),
     (&["rendre", "furnace"], "'render'", None),

@@ -447,6 +447,33 @@ fn pictures_of_different_sizes_are_not_compared() {
     assert!(text(&output.stderr).starts_with("error: the images have different sizes, 20x18 and 9x8\n"));
 }
 
+/// What radiosity does otherwise than it was asked to is a warning, which --quiet leaves out.
+#[test]
+fn radiosity_warns() {
+    let folder = temporary();
+    let room = "[camera]\ntype = \"perspective\"\nfov = 90\n[[shapes]]\ntype = \"cube\"\nflip_normals = true\nemission = 1\nmaterial = { type = \"diffuse\", reflectance = 1 }\n";
+    std::fs::write(folder.path().join("white.toml"), room).expect("a file");
+    let few = "radiosity:solver=hierarchical,patches=300,error=1e-9,memory=0.001";
+    let white = ["jacobi", "progressive"].map(|solver| format!("radiosity:solver={solver},patches=12"));
+    let render = |scene, integrator, says: &[&str]| {
+        let arguments = ["render", scene, "-i", integrator, "--size", "8x8", "--spp", "1", "-o", "a.png"];
+        let output = run(&folder, &arguments);
+        let said = text(&output.stderr);
+        assert!(output.status.success(), "{said}");
+        let warnings: Vec<&str> = said.lines().filter(|l| l.starts_with("warning: ")).collect();
+        assert!(warnings.len() == 1 && says.iter().all(|s| warnings[0].contains(s)), "{integrator}: {said}");
+        answer(&folder, &[&arguments[..], &["--quiet"]].concat());
+    };
+    let shot = ["links and more do not fit into", "solved by progressive shooting instead", "give a larger error"];
+    render("cornell-box", few, &shot);
+    white.iter().for_each(|integrator| render("white.toml", integrator, &["has not converged: its residual is"]));
+    let solve = ["radiosity", "white.toml", "--patches", "12", "--solver", "gauss-seidel"];
+    let output = run(&folder, &solve);
+    assert!(text(&output.stderr).starts_with("warning: the solution of radiosity has not converged"), "{output:?}");
+    let found = json(&answer(&folder, &[&solve[..], &["--quiet", "--json"]].concat()));
+    assert!((found["residual"].as_f64().expect("a residual") - 1.0).abs() < 0.02, "{found}");
+}
+
 #[test]
 fn materials_are_what_they_claim() {
     let folder = temporary();

@@ -307,8 +307,7 @@ fn files_of_material(material: &mut MaterialDescription, f: &mut dyn FnMut(&mut 
         M::Dielectric { tint: t, alpha, alpha_u, alpha_v, .. }
         | M::Conductor { tint: t, alpha, alpha_u, alpha_v, .. } => {
             image(t, f);
-            number(alpha, f);
-            alpha_u.iter_mut().chain(alpha_v).for_each(|own| number(own, f));
+            alpha.iter_mut().chain(alpha_u).chain(alpha_v).for_each(|own| number(own, f));
         }
         M::Plastic { diffuse_reflectance: t, alpha, .. } => {
             image(t, f);

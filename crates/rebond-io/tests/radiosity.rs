@@ -142,6 +142,27 @@ fn the_furnace_is_one_over_one_minus_albedo() {
 }
 
 /// The largest difference of two solutions over the mean of the second, without what lamps emit.
+/// In a closed room that absorbs nothing light grows with every round, by all that the lamps send.
+#[test]
+fn what_does_not_converge_says_so() {
+    let white = cube(1.0, 1.0).build().expect("a scene");
+    for solver in Solver::ALL {
+        let (_, report) = solved(&white, &with(12, solver));
+        let residual = report.residual.expect("no solution");
+        // Whatever it is that an inverse finds, it is no solution.
+        let known = if solver == Solver::Inverse { residual.max(1e-2) } else { 1.0 };
+        assert!((residual - known).abs() < 0.02, "{}: {residual}", solver.name());
+        let warning = report.warning().expect("a warning");
+        assert!(warning.contains("has not converged: its residual is"), "{warning}");
+    }
+    // One that absorbs a twentieth is soon solved.
+    let grey = cube(1.0, 0.95).build().expect("a scene");
+    for solver in Solver::ALL {
+        let (_, report) = solved(&grey, &with(12, solver));
+        assert_eq!((report.residual, report.warning()), (None, None), "{}", solver.name());
+    }
+}
+
 fn difference(a: &Solution, b: &Solution) -> f64 {
     let (of, areas) =
         (|s: &Solution, i: usize, c: usize| f64::from(s.radiance[i][c] - s.emission[i][c]), b.problem().areas);

@@ -34,7 +34,7 @@ impl Importer {
         use MaterialDescription as M;
         let description = match o.plugin.as_str() {
             "diffuse" => M::Diffuse { reflectance: self.texture(o, "reflectance", 0.5, lie)? },
-            "conductor" => self.conductor(o, (0.0.into(), [None, None], Distribution::Ggx), lie)?,
+            "conductor" => self.conductor(o, (None, [None, None], Distribution::Ggx), lie)?,
             "roughconductor" => {
                 let distribution = self.distribution(o)?;
                 let (alpha, both) = self.roughness(o, lie)?;
@@ -46,7 +46,7 @@ impl Importer {
                 M::Dielectric {
                     int_ior,
                     ext_ior,
-                    alpha: 0.0.into(),
+                    alpha: None,
                     alpha_u: None,
                     alpha_v: None,
                     distribution: Distribution::Ggx,
@@ -196,19 +196,19 @@ impl Importer {
     }
 
     /// One α, or one for each direction.
-    fn roughness(&mut self, o: &Object, lie: Lie) -> Result<(NumberTexture, [Option<NumberTexture>; 2])> {
+    fn roughness(&mut self, o: &Object, lie: Lie) -> Result<(Option<NumberTexture>, [Option<NumberTexture>; 2])> {
         if o.has("alpha_u") || o.has("alpha_v") {
             let along = self.number_texture(o, "alpha_u", 0.1, SMOOTH, lie)?;
             let across = self.number_texture(o, "alpha_v", 0.1, SMOOTH, lie)?;
-            return Ok((along.clone(), [Some(along), Some(across)]));
+            return Ok((None, [Some(along), Some(across)]));
         }
-        Ok((self.number_texture(o, "alpha", 0.1, SMOOTH, lie)?, [None, None]))
+        Ok((Some(self.number_texture(o, "alpha", 0.1, SMOOTH, lie)?), [None, None]))
     }
 
     fn conductor(
         &mut self,
         o: &Object,
-        (alpha, [alpha_u, alpha_v], distribution): (NumberTexture, [Option<NumberTexture>; 2], Distribution),
+        (alpha, [alpha_u, alpha_v], distribution): (Option<NumberTexture>, [Option<NumberTexture>; 2], Distribution),
         lie: Lie,
     ) -> Result<MaterialDescription> {
         let tint = self.texture(o, "specular_reflectance", 1.0, lie)?;
@@ -234,7 +234,7 @@ impl Importer {
             }
             (Some((_, at)), ..) => return Err(self.error(&at, "either a material, or eta and k")),
         };
-        let smooth = alpha == NumberTexture::Constant(0.0) && alpha_u.is_none();
+        let smooth = alpha.as_ref().is_none_or(|a| *a == NumberTexture::Constant(0.0)) && alpha_u.is_none();
         if eta == [0.0; 3] && smooth {
             return Ok(MaterialDescription::Mirror { reflectance: tint });
         }

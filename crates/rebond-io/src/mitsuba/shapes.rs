@@ -385,7 +385,7 @@ impl Importer {
             M::Diffuse { reflectance } | M::Mirror { reflectance } => image(reflectance),
             M::Dielectric { tint, alpha, alpha_u, alpha_v, .. }
             | M::Conductor { tint, alpha, alpha_u, alpha_v, .. } => {
-                image(tint) || [Some(alpha), alpha_u.as_ref(), alpha_v.as_ref()].into_iter().flatten().any(varies)
+                image(tint) || [alpha, alpha_u, alpha_v].into_iter().flatten().any(varies)
             }
             M::ThinDielectric { tint, .. } => image(tint),
             M::Plastic { diffuse_reflectance, alpha, .. } => image(diffuse_reflectance) || varies(alpha),

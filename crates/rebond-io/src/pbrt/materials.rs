@@ -89,7 +89,8 @@ impl Importer<'_> {
             "diffuse" => two_sided(diffuse(self.reflectance(p, "reflectance", 0.5)?)),
             "coateddiffuse" => {
                 let diffuse_reflectance = self.reflectance(p, "reflectance", 0.5)?;
-                let (alpha, _) = self.roughness(p, 0.0)?;
+                let (alpha, [along, _]) = self.roughness(p, 0.0)?;
+                let alpha = alpha.or(along).unwrap_or(0.0.into());
                 let int_ior = self.eta(p, 1.5)?;
                 for name in ["thickness", "albedo", "g", "maxdepth", "nsamples"] {
                     let _ = p.get(name);
@@ -230,7 +231,11 @@ impl Importer<'_> {
     }
 
     /// α, and those along u and v if they are not the same: the root of roughness, unless it is not to be remapped.
-    fn roughness(&mut self, p: &Parameters, default: f64) -> Result<(NumberTexture, [Option<NumberTexture>; 2])> {
+    fn roughness(
+        &mut self,
+        p: &Parameters,
+        default: f64,
+    ) -> Result<(Option<NumberTexture>, [Option<NumberTexture>; 2])> {
         let remap = self.flag(p, "remaproughness", true)?;
         let both = p.get("roughness");
         let (u, v) = (p.get("uroughness").or(both), p.get("vroughness").or(both));
@@ -248,13 +253,13 @@ impl Importer<'_> {
             && u.words == v.words
             && u.numbers == v.numbers
         {
-            return Ok((along, [None, None]));
+            return Ok((Some(along), [None, None]));
         }
         let across = one(v)?;
         if along == across {
-            return Ok((along, [None, None]));
+            return Ok((Some(along), [None, None]));
         }
-        Ok((along.clone(), [Some(along), Some(across)]))
+        Ok((None, [Some(along), Some(across)]))
     }
 
     fn eta(&mut self, p: &Parameters, default: f64) -> Result<f32> {
@@ -344,7 +349,7 @@ impl Importer<'_> {
             M::Diffuse { reflectance } => image(reflectance),
             M::Plastic { diffuse_reflectance, alpha, .. } => image(diffuse_reflectance) || varies(alpha),
             M::Dielectric { alpha, alpha_u, .. } | M::Conductor { alpha, alpha_u, .. } => {
-                alpha_u.is_some() || varies(alpha)
+                alpha_u.is_some() || alpha.as_ref().is_some_and(varies)
             }
             M::Measured { .. } | M::Glow { .. } => true,
             _ => false,

@@ -204,7 +204,7 @@ fn roughness_may_be_an_image() {
     let alpha = |parameters: &str| -> Result<(NumberTexture, Vec<f32>)> {
         let text = format!("{CAMERA}WorldBegin {image} Material \"dielectric\" {parameters} Shape \"sphere\"");
         let scene = read_pbrt(&text, "a.pbrt", &folder(), ImportOptions::default())?;
-        let Some(MaterialDescription::Dielectric { alpha, alpha_u: None, alpha_v: None, .. }) =
+        let Some(MaterialDescription::Dielectric { alpha: Some(alpha), alpha_u: None, alpha_v: None, .. }) =
             scene.description.materials.values().next()
         else {
             panic!("{:?}", scene.description.materials)
@@ -356,7 +356,7 @@ fn materials_textures_and_spectra() {
     );
     is(
         r#"Material "conductor" "rgb eta" [1 2 3] "rgb k" [4 5 6] "float uroughness" 0.25 "float vroughness" 0.04"#,
-        "{ type = \"two-sided\", front = { type = \"conductor\", eta = [1, 2, 3], k = [4, 5, 6], alpha = 0.5, alpha_u = 0.5, alpha_v = 0.2 } }",
+        "{ type = \"two-sided\", front = { type = \"conductor\", eta = [1, 2, 3], k = [4, 5, 6], alpha_u = 0.5, alpha_v = 0.2 } }",
     );
     is(
         r#"MakeNamedMaterial "a" "string type" "diffuse" MakeNamedMaterial "b" "string type" "diffuse" "rgb reflectance" [1 0 0]

@@ -81,7 +81,7 @@ impl Importer {
                 _ => MaterialDescription::Dielectric {
                     int_ior: said.ni,
                     ext_ior: 1.0,
-                    alpha: 0.0.into(),
+                    alpha: None,
                     alpha_u: None,
                     alpha_v: None,
                     distribution: Distribution::Ggx,

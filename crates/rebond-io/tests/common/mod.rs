@@ -331,13 +331,13 @@ fn numbers_of(scene: &SceneDescription, material: &MaterialRef, found: &mut BTre
 }
 
 /// A roughness along both tangents.
-fn both_ways(alpha: &mut NumberTexture, along: &mut Option<NumberTexture>, across: &mut Option<NumberTexture>) {
-    if alpha.constant().is_none() {
+fn both_ways(alpha: &mut Option<NumberTexture>, along: &mut Option<NumberTexture>, across: &mut Option<NumberTexture>) {
+    if alpha.as_ref().is_some_and(|alpha| alpha.constant().is_none()) {
         return;
     }
+    let alpha = alpha.take().unwrap_or(0.0.into());
     along.get_or_insert_with(|| alpha.clone());
-    across.get_or_insert_with(|| alpha.clone());
-    *alpha = 0.0.into();
+    across.get_or_insert(alpha);
 }
 
 fn flatten(value: &serde_json::Value, numbers: &mut Vec<f64>) {

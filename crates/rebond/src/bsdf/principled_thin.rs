@@ -88,8 +88,10 @@ pub fn eval<F: Real>(lobe: Lobe<F>, a: Vec3<F>, b: Vec3<F>) -> BsdfValue<F> {
     let (a, b) = (mirrored(above, a), mirrored(above, b));
     let passes = b.z.lt(F::zero());
     let b = vec3(b.x, b.y, b.z.abs());
-    let h = (a + b).normalized();
-    let cos = a.dot(h);
+    let sum = a + b;
+    let length = sum.length();
+    // Half of the length is a·h and b·h: near the horizon neither product has the digits for both to be the same.
+    let (h, cos) = (sum * length.recip(), length * 0.5);
 
     let ggx = facets(lobe, passes);
     let quarter = ggx.d(h) / (a.z * 4.0 * (ggx.lambda(a) + 1.0));

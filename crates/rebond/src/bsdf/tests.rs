@@ -482,6 +482,21 @@ fn principled_has_its_limits() {
     }
 }
 
+/// Near the horizon what passes a sheet is proportional to a small cosine, which light is to find the same both ways.
+#[test]
+fn smooth_sheets_are_reciprocal() {
+    let effort = Effort { albedo_samples: 10, chi2_samples: 10, ..Effort::default() };
+    for share in [0.5, 1.0] {
+        for (ax, ay) in [(SMOOTH, SMOOTH), (0.01, 0.01), (0.2, SMOOTH)] {
+            let sheet = material(Model::PrincipledThin, [share, 1.5, 0.5, 0.0, 0.0, 0.5, ax, ay, 0.0], [1.0, 0.9, 0.5]);
+            for seed in 1..=8 {
+                let report = sheet.check(&Effort { seed, ..effort });
+                assert!(report.is_reciprocal(), "{share}, {ax}, {ay}: {:?}", report.reciprocity);
+            }
+        }
+    }
+}
+
 /// What sheets reflect and pass where it is known.
 #[test]
 fn thin_sheets_have_their_limits() {

@@ -148,6 +148,11 @@ pub trait Integrator: Sync {
         Vec::new()
     }
 
+    /// What went otherwise than it was asked to so far, in words.
+    fn warnings(&self) -> Vec<String> {
+        Vec::new()
+    }
+
     /// Traces one sample of a pixel of a picture so wide, and tells what became of it; `None` by those that cannot.
     fn tell(&self, pixel: [u32; 2], full_width: u32, sample: u32) -> Option<Story> {
         let _ = (pixel, full_width, sample);

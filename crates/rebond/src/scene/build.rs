@@ -719,10 +719,16 @@ impl<'a> Builder<'a> {
     fn roughness(
         &mut self,
         path: &str,
-        alpha: &NumberTexture,
-        u: Option<&NumberTexture>,
-        v: Option<&NumberTexture>,
+        alpha: &'a Option<NumberTexture>,
+        u: &'a Option<NumberTexture>,
+        v: &'a Option<NumberTexture>,
     ) -> Result<([f32; 2], Row)> {
+        if alpha.is_some() && u.is_some() && v.is_some() {
+            let error = BuildError::new(format!("{path}.alpha"), "`alpha` beside `alpha_u` and `alpha_v` says nothing");
+            return Err(error.help("leave it out, or one of the others"));
+        }
+        let alpha = alpha.as_ref().unwrap_or(&NumberTexture::Constant(0.0));
+        let [u, v] = [u.as_ref(), v.as_ref()];
         let [u, v] = [("alpha_u", u), ("alpha_v", v)].map(|(key, own)| own.map_or(("alpha", alpha), |own| (key, own)));
         let (x, roughness) = self.number_texture(path, u.0, u.1, "roughness")?;
         let mut row = Row { roughness, aspect: 1.0, ..Row::default() };
@@ -746,7 +752,7 @@ impl<'a> Builder<'a> {
             }
             M::Dielectric { int_ior, ext_ior, alpha, alpha_u, alpha_v, distribution, masking, tint } => {
                 let eta = relative_index(path, *int_ior, *ext_ior)?;
-                let ([u, v], row) = self.roughness(path, alpha, alpha_u.as_ref(), alpha_v.as_ref())?;
+                let ([u, v], row) = self.roughness(path, alpha, alpha_u, alpha_v)?;
                 // With equal indices a rough boundary is no boundary either, and its half vectors are undefined.
                 let smooth = u.max(v) < SMOOTH || eta == 1.0;
                 let model = if smooth { Model::Dielectric } else { Model::RoughDielectric };
@@ -763,7 +769,7 @@ impl<'a> Builder<'a> {
                     (None, None, None) => index_of(Metal::Aluminium),
                     _ => return Err(BuildError::new(path, "a conductor needs either `metal`, or both `eta` and `k`")),
                 };
-                let ([u, v], row) = self.roughness(path, alpha, alpha_u.as_ref(), alpha_v.as_ref())?;
+                let ([u, v], row) = self.roughness(path, alpha, alpha_u, alpha_v)?;
                 if *compensate && row.across.is_some() {
                     let error = BuildError::new(format!("{path}.compensate"), "compensation of an anisotropic metal");
                     return Err(error.help("give one `alpha` for both directions, or leave out `compensate`"));

@@ -469,9 +469,9 @@ pub enum MaterialDescription {
         /// Index of refraction outside.
         #[serde(default = "air")]
         ext_ior: f32,
-        /// Roughness; 0 is smooth.
-        #[serde(default = "zero")]
-        alpha: NumberTexture,
+        /// Roughness; 0, which is smooth, if not given.
+        #[serde(default)]
+        alpha: Option<NumberTexture>,
         /// Roughness along the tangent, in place of `alpha`.
         #[serde(default)]
         alpha_u: Option<NumberTexture>,
@@ -499,9 +499,9 @@ pub enum MaterialDescription {
         /// Imaginary part.
         #[serde(default)]
         k: Option<Color>,
-        /// Roughness; 0 is smooth.
-        #[serde(default = "zero")]
-        alpha: NumberTexture,
+        /// Roughness; 0, which is smooth, if not given.
+        #[serde(default)]
+        alpha: Option<NumberTexture>,
         /// Roughness along the tangent, in place of `alpha`.
         #[serde(default)]
         alpha_u: Option<NumberTexture>,

@@ -46,7 +46,7 @@ use solution::{channels, colors};
 use solvers::hierarchical::Unsolved;
 use solvers::inverse::Inverse;
 use solvers::progressive::{ENOUGH, Shooting};
-use solvers::{Channels, Problem, hierarchical, inverse, iterative};
+use solvers::{Channels, MOST_ITERATIONS, Problem, hierarchical, inverse, iterative, residual};
 use std::num::NonZeroU32;
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
@@ -191,6 +191,23 @@ pub struct Report {
     pub bytes: u64,
     /// What was not diffuse and counts as its diffuse part.
     pub dropped: Vec<String>,
+    /// The residual of the equation, Σ A |S + T L − L| over Σ A S, where the solver could not bring it down.
+    pub residual: Option<f64>,
+}
+
+/// The residual that an inverse may have.
+const LARGEST_RESIDUAL: f64 = 1e-3;
+
+/// What is to be said of a solution with a residual.
+fn unconverged(residual: f64) -> String {
+    format!("the solution of radiosity has not converged: its residual is {residual:.1e} of what the sources send")
+}
+
+impl Report {
+    /// What is wrong with the solution, in words.
+    pub fn warning(&self) -> Option<String> {
+        self.residual.map(unconverged)
+    }
 }
 
 /// Why there is no solution.
@@ -532,12 +549,15 @@ fn solve_prepared(
                 let start = Instant::now();
                 let light = inverse.solve(problem);
                 report.solve_seconds += start.elapsed().as_secs_f64();
+                let residual = residual(&matrix, problem, &light);
+                report.residual = (residual.is_nan() || residual > LARGEST_RESIDUAL).then_some(residual);
                 return Ok(prepared.solution(scene, faces, &light, Some(inverse)));
             }
             let iterate = if solver == Solver::Jacobi { iterative::jacobi } else { iterative::gauss_seidel };
             let (light, rounds) = iterate(&matrix, problem, observer).ok_or(Unsolvable::Stopped)?;
             report.solve_seconds += start.elapsed().as_secs_f64();
             report.iterations += u64::from(rounds);
+            report.residual = (rounds == MOST_ITERATIONS).then(|| residual(&matrix, problem, &light));
             Ok(prepared.solution(scene, faces, &light, None))
         }
         Solver::Progressive => {
@@ -551,6 +571,7 @@ fn solve_prepared(
             report.iterations += shooting.shots;
             report.rays += shooting.rays;
             report.bytes = shooting.bytes();
+            report.residual = shooting.residual(problem);
             let light = shooting.with_ambient(problem);
             Ok(prepared.solution(scene, faces, &light, None))
         }
@@ -581,6 +602,7 @@ fn solve_prepared(
             report.links = effort.links;
             report.rays += effort.rays;
             report.bytes = effort.links * hierarchical::LINK_BYTES;
+            report.residual = effort.residual;
             prepared.bring_down(&effort.closure.scale);
             report.closure = Some(effort.closure);
             Ok(prepared.solution(scene, faces, &light, None))
@@ -600,6 +622,7 @@ pub struct Radiosity<'a> {
     engine: Engine,
     settings: RadiositySettings,
     state: Mutex<State<'a>>,
+    warnings: Mutex<Vec<String>>,
 }
 
 /// How far the solution is.
@@ -632,7 +655,7 @@ impl<'a> Radiosity<'a> {
             Some(_) => {}
             None => settings.check_memory((settings.patches.get() as usize).max(faces.len()))?,
         }
-        Ok(Self { scene, sampler, engine, settings, state: Mutex::new(State::Nothing) })
+        Ok(Self { scene, sampler, engine, settings, state: Mutex::new(State::Nothing), warnings: Mutex::default() })
     }
 
     fn view(&self, solution: Solution) -> View {
@@ -661,6 +684,7 @@ impl<'a> Radiosity<'a> {
                     return None;
                 }
                 view.stages.push(Arc::new(self.shown(view, &shooting.with_ambient(problem))));
+                shooting.residual(problem).into_iter().for_each(|r| self.warn(unconverged(r)));
                 if share == ENOUGH {
                     break;
                 }
@@ -676,6 +700,14 @@ impl<'a> Radiosity<'a> {
         }
     }
 
+    /// Something to be said once.
+    fn warn(&self, message: String) {
+        let mut warnings = self.warnings.lock().unwrap_or_else(|e| e.into_inner());
+        if !warnings.contains(&message) {
+            warnings.push(message);
+        }
+    }
+
     fn shown(&self, view: &View, light: &Channels) -> Shown {
         let solution = Solution { radiance: colors(light), ..(*view.solution).clone() };
         solution.at_corners(self.settings.smooth)
@@ -688,10 +720,15 @@ impl<'a> Radiosity<'a> {
         // Shooting is shown stage by stage, unless the mesh is to follow a solution.
         if self.settings.solver != Solver::Progressive || self.settings.adaptive {
             match solve(self.scene, &self.settings, &self.sampler, observer) {
-                Ok((solution, _)) => return Some(State::Solved(self.view(solution))),
+                Ok((solution, report)) => {
+                    report.warning().into_iter().for_each(|w| self.warn(w));
+                    return Some(State::Solved(self.view(solution)));
+                }
                 Err(Unsolvable::Stopped) => return None,
                 // What does not fit is shot.
-                Err(Unsolvable::Settings(_)) => {}
+                Err(Unsolvable::Settings(e)) => {
+                    self.warn(format!("{}: solved by progressive shooting instead; {}", e.message, e.help));
+                }
             }
         }
         let (faces, _) = faces_of(self.scene, &self.settings).ok()?;
@@ -703,6 +740,7 @@ impl<'a> Radiosity<'a> {
         if !shooting.shoot_until(FIRST, &factors, &problem, observer) {
             return None;
         }
+        shooting.residual(&problem).into_iter().for_each(|r| self.warn(unconverged(r)));
         let light = shooting.with_ambient(&problem);
         let view = self.view(prepared.solution(self.scene, &faces, &light, None));
         Some(State::Shooting(Box::new((shooting, factors, problem, view))))
@@ -719,6 +757,10 @@ impl Integrator for Radiosity<'_> {
         };
         let Some(view) = view else { return Rays::default() };
         self.engine.integrator(self.scene, self.sampler, view, None).add_samples(film, pass, observer)
+    }
+
+    fn warnings(&self) -> Vec<String> {
+        self.warnings.lock().unwrap_or_else(|e| e.into_inner()).clone()
     }
 }
 

@@ -50,6 +50,8 @@ pub struct Effort {
     pub linking_seconds: f64,
     /// Sums of the rows of F.
     pub closure: Closure,
+    /// The residual of the last solution over what the sources send, if it was given up.
+    pub residual: Option<f64>,
 }
 
 /// Why there is no solution.
@@ -138,7 +140,9 @@ impl Tree<'_> {
         self.mesh.leaves.iter().map(|e| sums[*e as usize]).collect()
     }
 
-    fn solve(&self, links: &[Link], light: &mut Channels, observer: &dyn Observer) -> Option<u32> {
+    /// Rounds until there is no change; how many, and the residual if there were too many.
+    fn solve(&self, links: &[Link], light: &mut Channels, observer: &dyn Observer) -> Option<(u32, Option<f64>)> {
+        let mut residual = 0.0;
         for round in 1..=MOST_ITERATIONS {
             if observer.should_stop() {
                 return None;
@@ -148,12 +152,15 @@ impl Tree<'_> {
             let next = self.gather(links, &all);
             let changed = (0..3).flat_map(|c| next[c].iter().zip(&light[c]).map(|(a, b)| (a - b).abs()));
             let changed = changed.fold(0.0, f32::max);
+            if round == MOST_ITERATIONS {
+                residual = self.problem.difference(&next, light);
+            }
             *light = next;
             if changed <= self.problem.threshold(light) {
-                return Some(round);
+                return Some((round, None));
             }
         }
-        Some(MOST_ITERATIONS)
+        Some((MOST_ITERATIONS, Some(residual)))
     }
 }
 
@@ -266,7 +273,9 @@ pub fn solve(
             scale,
             rays: effort.rays,
         };
-        effort.iterations += tree.solve(&links, &mut light, observer).ok_or(Unsolved::Stopped)?;
+        let (rounds, residual) = tree.solve(&links, &mut light, observer).ok_or(Unsolved::Stopped)?;
+        effort.iterations += rounds;
+        effort.residual = residual;
     }
     effort.links = links.len() as u64;
     Ok((light, effort))

@@ -34,7 +34,7 @@ pub struct Problem {
 
 /// Iterations end when no patch changes by more than this share of the mean of what is reflected, or of what is sent out.
 pub const TOLERANCE: f32 = 2e-6;
-/// … or after this many.
+/// … or after this many, solved or not. Patches are shot so many times at most, on average.
 pub const MOST_ITERATIONS: u32 = 2000;
 
 impl Problem {
@@ -50,6 +50,16 @@ impl Problem {
             let sum: f64 = v.iter().zip(&self.areas).map(|(x, a)| f64::from(*x) * a).sum();
             (sum / total) as f32
         })
+    }
+
+    /// Σ A |a − b| over Σ A S, all colours together: by how much two lights differ, over what the sources send.
+    pub fn difference(&self, a: &Channels, b: &Channels) -> f64 {
+        let power = |c: &[f32], of: &dyn Fn(usize, f32) -> f32| -> f64 {
+            c.iter().enumerate().zip(&self.areas).map(|((i, x), area)| f64::from(of(i, *x).abs()) * area).sum()
+        };
+        let apart: f64 = (0..3).map(|c| power(&a[c], &|i, x| x - b[c][i])).sum();
+        let sent: f64 = self.source.iter().map(|s| power(s, &|_, x| x)).sum();
+        if sent > 0.0 { apart / sent } else { 0.0 }
     }
 
     /// What counts as no change: a share of the mean of what is reflected, in the brightest colour.
@@ -92,13 +102,7 @@ fn gain(problem: &Problem, i: usize) -> [f64; 3] {
     [0, 1, 2].map(|c| f64::from(problem.reflectance[c][i]) / problem.areas[i])
 }
 
-/// The residual of `L = S + T L`, as the largest over the mean of L, in the colour where that is worst.
-pub fn residual(matrix: &Symmetric, problem: &Problem, light: &Channels) -> f32 {
-    let next = iterative::step(matrix, problem, light);
-    let mean = problem.mean(light);
-    let worst = |c: usize| {
-        let most = next[c].iter().zip(&light[c]).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-        if mean[c] > 0.0 { most / mean[c] } else { most }
-    };
-    (0..3).map(worst).fold(0.0, f32::max)
+/// The residual of `L = S + T L`, over what the sources send.
+pub fn residual(matrix: &Symmetric, problem: &Problem, light: &Channels) -> f64 {
+    problem.difference(&iterative::step(matrix, problem, light), light)
 }

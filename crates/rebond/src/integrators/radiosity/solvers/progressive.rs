@@ -7,7 +7,7 @@
 //!
 //! What is unshot is shown as if it came from everywhere alike, `ρ_j Σ A ΔL / Σ A (1 − ρ̄)`, until it has been shot.
 
-use super::{Channels, Problem};
+use super::{Channels, MOST_ITERATIONS, Problem};
 use crate::integrators::radiosity::form_factors::{FormFactors, scale_of};
 use crate::render::Observer;
 use rayon::prelude::*;
@@ -72,7 +72,17 @@ impl Shooting {
         (brightest, sum)
     }
 
-    /// Shoots until what is left is below this share of what the sources sent. False if told to stop.
+    /// Whether it has taken as long as it may.
+    fn is_tired(&self) -> bool {
+        self.shots >= u64::from(MOST_ITERATIONS) * self.rows.len() as u64
+    }
+
+    /// What is unshot over what the sources send, if it gave up with so much.
+    pub fn residual(&self, problem: &Problem) -> Option<f64> {
+        (self.is_tired() && self.sent > 0.0).then(|| self.left(problem).1 / self.sent)
+    }
+
+    /// Shoots until what is left is below this share of what the sources sent, or it gives up. False if told to stop.
     pub fn shoot_until(
         &mut self,
         share: f64,
@@ -83,7 +93,7 @@ impl Shooting {
         let n = problem.areas.len();
         loop {
             let (i, left) = self.left(problem);
-            if left <= share * self.sent || left == 0.0 {
+            if left <= share * self.sent || left == 0.0 || self.is_tired() {
                 return true;
             }
             if observer.should_stop() {
