@@ -8,7 +8,7 @@ use crate::pyramid;
 use clap::Args;
 use rebond::emitter::LightChoice;
 use rebond::film::{Aov, Film, Image};
-use rebond::integrators::IntegratorSettings;
+use rebond::integrators::{IntegratorError, IntegratorSettings};
 use rebond::render::{Budget, Engine, PathExpression, PathLayer, Region, render};
 use rebond::sampling::{Sampler, SamplerSettings};
 use rebond_io::{Error, PngOptions, SceneFiles, SceneSource, Tonemap, from_settings};
@@ -294,10 +294,13 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
         EngineName::Wavefront => Engine::Wavefront,
         EngineName::Scalar => Engine::Scalar,
     };
-    settings.open(|file| files.solution(file, &scene)).map_err(|e| Failure::usage(e.message, e.help))?;
-    let integrator = settings
-        .layered_integrator(&scene, Sampler::new(sampler, a.seed), engine, layers)
-        .map_err(|e| Failure::usage(e.message, e.help))?;
+    let refused = |e: IntegratorError| match &a.integrator {
+        Some(text) => Failure::usage(format!("{text}: {}", e.message), e.help),
+        None => source.refused(e).into(),
+    };
+    settings.open(|file| files.solution(file, &scene)).map_err(refused)?;
+    let integrator =
+        settings.layered_integrator(&scene, Sampler::new(sampler, a.seed), engine, layers).map_err(refused)?;
     if !a.quiet
         && !a.json
         && let Some(what) = settings.leaves_out()

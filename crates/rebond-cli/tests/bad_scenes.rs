@@ -148,6 +148,12 @@ const TYPES: &[Mistake] = &[
 ];
 
 const VALUES: &[Mistake] = &[
+    ("max_depth = 4", "max_depth = @0", "expected a whole number of 1 or more, found the whole number 0"),
+    (
+        "[integrator]\ntype = \"path\"\nmax_depth = 4",
+        "[@integrator]\ntype = \"vcm\"\nradius = 0",
+        "radius = 0 is not above 0",
+    ),
     ("width = 8", "@width = 0", "a film 0 pixels wide"),
     ("height = 6", "@height = 0", "a film 0 pixels high"),
     ("width = 8\nheight = 6", "@width = 0\nheight = 0", "a film 0 pixels wide"),
@@ -545,6 +551,7 @@ const COMMANDS: &[(&[&str], &str, Option<&str>)] = &[
         Some("column 16 of `path:max_depth=deep`"),
     ),
     (&["render", "furnace", "-i", "path:max_depth=-1"], "not negative", Some("column 16 of `path:max_depth=-1`")),
+    (&["render", "furnace", "-i", "vcm:radius=0"], "vcm:radius=0: radius = 0 is not above 0", None),
     (&["render", "furnace", "-i", "path:mode=best"], r#"unknown value "best""#, Some("column 11 of `path:mode=best`")),
     (&["render", "furnace", "-i", "path:max_depth"], "has no value", Some("column 6 of `path:max_depth`")),
     (&["render", "furnace", "-i", ""], "a name is missing", Some("column 1 of ``")),

@@ -180,6 +180,7 @@ fn plain_words(expected: &dyn Expected) -> String {
         "a sequence" => "an array".into(),
         "a map" => "a table".into(),
         "unit" => "nothing".into(),
+        _ if words.starts_with("a nonzero") => "a whole number of 1 or more".into(),
         _ if matches!(kind, "struct" | "enum" | "variant" | "unit") || words.starts_with("struct variant") => {
             "a table".into()
         }

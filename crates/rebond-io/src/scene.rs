@@ -11,6 +11,7 @@ use crate::{from_toml, read_image, read_image_raw, read_measured, read_obj, read
 use rebond::bsdf::check::Material;
 use rebond::bsdf::measured::Measured;
 use rebond::film::Image;
+use rebond::integrators::IntegratorError;
 use rebond::integrators::radiosity::Solution;
 use rebond::scene::description::{MaterialRef, ShapeDescription};
 use rebond::scene::{BuildError, MeshSource, Resources, Scene, SceneDescription, build, material};
@@ -319,6 +320,12 @@ impl SceneSource {
     /// Builds the scene.
     pub fn build(&self) -> Result<Scene, Error> {
         build(&self.description, &self.files).map_err(|e| self.locate(e))
+    }
+
+    /// Why its own integrator cannot be made, with the place of that.
+    pub fn refused(&self, error: IntegratorError) -> Error {
+        let IntegratorError { message, help } = error;
+        self.locate(BuildError { path: "integrator".into(), message, help: Some(help) })
     }
 
     /// One of the materials by itself, as its front looks.
