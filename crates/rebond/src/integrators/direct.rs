@@ -353,7 +353,7 @@ impl Shade for Direct {
             let lit = found & emission.is_lit() & self.counts::<F>(surface.emitter);
             if lit.any() {
                 let weight = self.weight(path.pdf, || {
-                    let hit = surface.seen_from(from);
+                    let hit = surface.seen_from(path.origin());
                     let probability = self.probability(scene, from, normal, surface.emitter, lit);
                     scene.emitters().pdf(&hit, self.light_sampling, lit).0 * probability
                 });

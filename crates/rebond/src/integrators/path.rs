@@ -189,7 +189,8 @@ impl<const SOLID_ANGLE: bool> Shade for Path<SOLID_ANGLE> {
         let emission = scene.emitted(&surface, found);
         let lit = found & emission.is_lit();
         if lit.any() {
-            let light_pdf = || scene.light_pdf(from, path.normal(), &surface, Self::LIGHT_SAMPLING, lit);
+            let seen = surface.seen_from(path.origin());
+            let light_pdf = || scene.light_pdf(from, path.normal(), &seen, Self::LIGHT_SAMPLING, lit);
             let weight = self.weight_found(path.pdf, light_pdf);
             if lit.bits() & 1 == 1 {
                 journal.last(|vertex| vertex.weights.push(Weight::of(true, path.pdf, light_pdf(), weight)));

@@ -305,8 +305,8 @@ impl<F: Real> PathState<F> {
         vec3(self.dx, self.dy, self.dz)
     }
 
-    /// Where it started, on the surface itself. What has been drawn there hangs on this place, not on [`PathState::origin`]: close to a
-    /// lamp, or on one, the two may see it quite differently.
+    /// Where it started, on the surface itself. Which light was asked there hangs on this place, not on [`PathState::origin`]: close to a
+    /// lamp, or on one, the choice is quite another a hair's breadth away.
     #[inline(always)]
     pub fn from(&self) -> Vec3<F> {
         vec3(self.fx, self.fy, self.fz)

@@ -306,18 +306,17 @@ impl Scene {
         self.emitters.radiance_at(surface.emitter, surface.p, surface.time, lit).masked(lit)
     }
 
-    /// Density per solid angle with which [`Scene::sample_light`] at `p` would have found this surface.
+    /// Density per solid angle with which [`Scene::sample_light`] at `p` would have found what a ray from there hit.
     #[inline(always)]
     pub fn light_pdf<F: Real>(
         &self,
         p: Vec3<F>,
         n: Vec3<F>,
-        surface: &Surface<F>,
+        hit: &EmitterHit<F>,
         sampling: LightSampling,
         mask: F::Mask,
     ) -> F {
-        self.emitters.pdf(&surface.seen_from(p), sampling, mask).0
-            * self.light_sampler.probability(p, n, surface.emitter, mask)
+        self.emitters.pdf(hit, sampling, mask).0 * self.light_sampler.probability(p, n, hit.emitter, mask)
     }
 
     /// Light for a point `p` with normal `n` at a time: from one emitter, chosen by `choice`, weighed for all; its `pdf` is that

@@ -452,7 +452,7 @@ fn found_light<F: Real>(
             if lit.none() {
                 return Rgb::black();
             }
-            let drawn = scene.light_pdf(p, n, &there.surface, LightSampling::Area, lit);
+            let drawn = scene.light_pdf(p, n, &there.surface.seen_from(p), LightSampling::Area, lit);
             (radiance * power_heuristic(pdf, drawn)).masked(lit)
         }
     };
