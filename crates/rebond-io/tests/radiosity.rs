@@ -141,7 +141,6 @@ fn the_furnace_is_one_over_one_minus_albedo() {
     }
 }
 
-/// The largest difference of two solutions over the mean of the second, without what lamps emit.
 /// In a closed room that absorbs nothing light grows with every round, by all that the lamps send.
 #[test]
 fn what_does_not_converge_says_so() {
@@ -163,6 +162,7 @@ fn what_does_not_converge_says_so() {
     }
 }
 
+/// The largest difference of two solutions over the mean of the second, without what lamps emit.
 fn difference(a: &Solution, b: &Solution) -> f64 {
     let (of, areas) =
         (|s: &Solution, i: usize, c: usize| f64::from(s.radiance[i][c] - s.emission[i][c]), b.problem().areas);
