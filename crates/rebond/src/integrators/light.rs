@@ -47,14 +47,17 @@ impl Default for LightSettings {
 
 impl LightSettings {
     pub(super) fn leaves_out(&self) -> String {
-        let mirrors = "what the eye sees in mirrors and glass, and surroundings by parallel rays, are left out, unless the camera has a lens";
         match (&self.max_depth, &self.paths) {
-            (Some(d), _) => format!("paths of more than max_depth={d} segments are left out, and {mirrors}"),
-            (None, Some(p)) => format!("only the paths {p} are shown, and {mirrors}"),
-            (None, None) => mirrors.into(),
+            (Some(d), _) => format!("paths of more than max_depth={d} segments are left out, and {HIDDEN}"),
+            (None, Some(p)) => format!("only the paths {p} are shown, and {HIDDEN}"),
+            (None, None) => HIDDEN.into(),
         }
     }
 }
+
+/// What no walk of light brings to the eye, in words.
+pub(super) const HIDDEN: &str = "what the eye sees in mirrors and glass, and surroundings by parallel rays, are left out, \
+                                 unless the camera has a lens";
 
 /// The settings, for lists.
 pub(super) const SETTINGS: &[(&str, &str)] = &[

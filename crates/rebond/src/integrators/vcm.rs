@@ -140,9 +140,7 @@ impl VcmSettings {
     pub(super) fn leaves_out(&self) -> Option<String> {
         let by_depth = self.max_depth.map(|d| format!("paths of more than max_depth={d} segments are left out"));
         let by_mode = match self.mode {
-            VcmMode::Light => Some(
-                "what the eye sees in mirrors and glass, and surroundings by parallel rays, are left out, unless the camera has a lens",
-            ),
+            VcmMode::Light => Some(super::light::HIDDEN),
             VcmMode::Bidirectional => None,
             _ => Some("light is blurred by a radius that shrinks with every sample"),
         };
