@@ -16,7 +16,7 @@ use crate::render::{Engine, Integrator, Observer, Pass, PathClasses, PathExpress
 use crate::sampling::Sampler;
 use crate::scene::{Scene, is_hit};
 use crate::transport::sub_path::{Ending, LENS, MOMENT, PIXEL, light_dimensions};
-use crate::transport::{Roulette, Sheets, Source, SubPath, Vertex, see, see_source};
+use crate::transport::{NOT_BY_LIGHT, Roulette, Sheets, Source, SubPath, Vertex, see, see_source};
 use rebond_bvh::Trace;
 use rebond_lanes::{F32x16, Mask, Real};
 use serde::{Deserialize, Serialize};
@@ -48,16 +48,12 @@ impl Default for LightSettings {
 impl LightSettings {
     pub(super) fn leaves_out(&self) -> String {
         match (&self.max_depth, &self.paths) {
-            (Some(d), _) => format!("paths of more than max_depth={d} segments are left out, and {HIDDEN}"),
-            (None, Some(p)) => format!("only the paths {p} are shown, and {HIDDEN}"),
-            (None, None) => HIDDEN.into(),
+            (Some(d), _) => format!("paths of more than max_depth={d} segments are left out, and {NOT_BY_LIGHT}"),
+            (None, Some(p)) => format!("only the paths {p} are shown, and {NOT_BY_LIGHT}"),
+            (None, None) => NOT_BY_LIGHT.into(),
         }
     }
 }
-
-/// What no walk of light brings to the eye, in words.
-pub(super) const HIDDEN: &str = "what the eye sees in mirrors and glass, and surroundings by parallel rays, are left out, \
-                                 unless the camera has a lens";
 
 /// The settings, for lists.
 pub(super) const SETTINGS: &[(&str, &str)] = &[

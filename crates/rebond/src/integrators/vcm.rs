@@ -57,8 +57,8 @@ use crate::sampling::Sampler;
 use crate::scene::{Scene, is_hit};
 use crate::transport::sub_path::{Ending, LENS, MOMENT, PER_BOUNCE, PIXEL, light_dimensions};
 use crate::transport::{
-    Heuristic, Neighbours, Particle, PointGrid, Roulette, Sheets, Source, SubPath, Vertex, Walk, Ways, first_radius,
-    shrunk,
+    Heuristic, NOT_BY_LIGHT, Neighbours, Particle, PointGrid, Roulette, Sheets, Source, SubPath, Vertex, Walk, Ways,
+    first_radius, shrunk,
 };
 use rebond_bvh::Trace;
 use rebond_lanes::scalar::Index1;
@@ -140,7 +140,7 @@ impl VcmSettings {
     pub(super) fn leaves_out(&self) -> Option<String> {
         let by_depth = self.max_depth.map(|d| format!("paths of more than max_depth={d} segments are left out"));
         let by_mode = match self.mode {
-            VcmMode::Light => Some(super::light::HIDDEN),
+            VcmMode::Light => Some(NOT_BY_LIGHT),
             VcmMode::Bidirectional => None,
             _ => Some("light is blurred by a radius that shrinks with every sample"),
         };

@@ -27,6 +27,10 @@ pub use ways::Ways;
 
 use rebond_lanes::Real;
 
+/// What no walk of light brings to the eye, in words.
+pub const NOT_BY_LIGHT: &str = "what the eye sees in mirrors and glass, and surroundings by parallel rays, are left out, \
+                                unless the camera has a lens";
+
 /// The power heuristic with β = 2 (Veach 1997, §9.2.4): the weight of a sample drawn with density `a` that another
 /// sampler would have drawn with density `b`. An infinite `a` (a direction that only its sampler finds) has weight 1.
 #[inline(always)]
