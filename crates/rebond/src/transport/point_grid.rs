@@ -4,7 +4,7 @@
 //! are one run. Of the table's runs a query reads four; what else the hash brings there is told apart by its place.
 
 use rebond_lanes::prefetch;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Something that has a place.
 pub trait Placed: Copy + Default + Send + Sync {
@@ -19,8 +19,8 @@ pub struct PointGrid<T> {
     items: Vec<T>,
     /// Where they are: most that a query looks at are too far away, and this is all it needs to know.
     places: Vec<[f32; 3]>,
-    /// Which of them were of use to somebody.
-    used: Vec<AtomicBool>,
+    /// Bit by bit, which of them were of use to somebody.
+    used: Vec<AtomicU64>,
     /// Where the items of each cell begin; one number more than there are cells.
     starts: Vec<u32>,
     /// Cell of each item, as they came.
@@ -83,7 +83,7 @@ impl<T: Placed> PointGrid<T> {
         self.places.resize(count, [0.0; 3]);
         self.cells.resize(count, 0);
         self.used.clear();
-        self.used.resize_with(count, AtomicBool::default);
+        self.used.resize_with(count.div_ceil(64), AtomicU64::default);
         self.starts.clear();
         self.starts.resize(table + 1, 0);
 
@@ -209,15 +209,15 @@ impl<T: Placed> PointGrid<T> {
     #[inline(always)]
     pub fn use_item(&self, number: u32) {
         // Most were before, and what is only read all threads can have beside them.
-        let used = &self.used[number as usize];
-        if !used.load(Ordering::Relaxed) {
-            used.store(true, Ordering::Relaxed);
+        let (used, bit) = (&self.used[number as usize / 64], 1 << (number % 64));
+        if used.load(Ordering::Relaxed) & bit == 0 {
+            used.fetch_or(bit, Ordering::Relaxed);
         }
     }
 
     /// How many items were of use to nobody.
     pub fn unused(&self) -> usize {
-        self.used.iter().filter(|used| !used.load(Ordering::Relaxed)).count()
+        self.len() - self.used.iter().map(|used| used.load(Ordering::Relaxed).count_ones() as usize).sum::<usize>()
     }
 
     /// How many items.

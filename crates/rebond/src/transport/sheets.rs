@@ -113,7 +113,7 @@ impl<'a, F: Trace> Sheets<'a, F> {
         mask: F::Mask,
     ) {
         let layer = self.layer(state);
-        let (pixel, share, mask) = self.pixels(place, mask & layer.ne(F::Index::splat(0)));
+        let (pixel, share, mask) = pixels(self.scene, &self.region, place, mask & layer.ne(F::Index::splat(0)));
         let (light, mut lanes) = (light * share, mask.bits());
         while lanes != 0 {
             let lane = lanes.trailing_zeros() as usize % F::LANES;
@@ -138,35 +138,6 @@ impl<'a, F: Trace> Sheets<'a, F> {
         }
     }
 
-    /// The pixels that light at these places goes to, what it counts there, and in which lanes of `mask` they are of the region.
-    #[inline(always)]
-    fn pixels(&self, (raster, u): Place<F>, mask: F::Mask) -> (F::Index, F, F::Mask) {
-        let r = &self.region;
-        let near = mask & self.may_be_within(raster);
-        if near.none() {
-            return (F::Index::splat(0), F::zero(), near);
-        }
-        let ([x, y], share) = self.scene.filter().splat(raster, u);
-        let (x, y) = (x - r.x as f32, y - r.y as f32);
-        let axis = |at: F, size: u32| at.ge(F::zero()) & at.lt(F::splat(size as f32));
-        let within = near & axis(x, r.width) & axis(y, r.height);
-        // Of other lanes it is no number.
-        let (x, y) = (F::select(within, x, F::zero()), F::select(within, y, F::zero()));
-        (y.to_index() * F::Index::splat(r.width) + x.to_index(), share, within)
-    }
-
-    /// Lanes whose place is near enough to the region for a filter to reach it.
-    #[inline(always)]
-    fn may_be_within(&self, raster: [F; 2]) -> F::Mask {
-        let reach = self.scene.filter().reach() + 1.0;
-        let axis = |at: F, first: u32, size: u32| {
-            let at = at - first as f32;
-            at.gt(F::splat(-reach)) & at.lt(F::splat(size as f32 + reach))
-        };
-        let r = &self.region;
-        axis(raster[0], r.x, r.width) & axis(raster[1], r.y, r.height)
-    }
-
     /// Light for the pixels of the samples under way, if its rays are free.
     #[inline(always)]
     pub fn connect(&mut self, c: &Connection<F>, mask: F::Mask) {
@@ -174,7 +145,7 @@ impl<'a, F: Trace> Sheets<'a, F> {
         let mask = mask & layer.ne(F::Index::splat(0));
         if mask.any() {
             self.rays += u64::from(mask.count());
-            self.to_own.add(c, layer, F::Index::splat(0), mask);
+            self.to_own.add(c, layer, None, mask);
             self.trace_to_own(false);
         }
     }
@@ -183,10 +154,11 @@ impl<'a, F: Trace> Sheets<'a, F> {
     #[inline(always)]
     pub fn connect_to_lens(&mut self, c: &Connection<F>, place: Place<F>, mask: F::Mask) {
         let layer = self.layer(c.state);
-        let (pixel, share, mask) = self.pixels(place, mask & layer.ne(F::Index::splat(0)));
+        // Which pixels it is for is found out for what arrives.
+        let mask = mask & layer.ne(F::Index::splat(0)) & may_be_within(self.scene, &self.region, place.0);
         if mask.any() {
             self.rays += u64::from(mask.count());
-            self.to_any.add(&Connection { light: c.light * share, ..*c }, layer, pixel, mask);
+            self.to_any.add(c, layer, Some(place), mask);
             self.trace_to_any(false);
         }
     }
@@ -195,7 +167,8 @@ impl<'a, F: Trace> Sheets<'a, F> {
     fn trace_to_own(&mut self, last: bool) {
         let (layers, extra_sheets) = (self.layers(), 1 + self.layers());
         let connected = &mut self.connected;
-        self.to_own.trace::<F>(self.scene, false, last, |a| {
+        let nowhere_else = None::<fn(Place<F>, F::Mask) -> (F::Index, F, F::Mask)>;
+        self.to_own.trace::<F>(self.scene, nowhere_else, last, |a| {
             let mut add = |sheet: usize, weight: f32| {
                 connected[sheet][a.lane].iter_mut().zip(a.light).for_each(|(sum, x)| *sum += x * weight);
             };
@@ -212,8 +185,9 @@ impl<'a, F: Trace> Sheets<'a, F> {
 
     #[inline(never)]
     fn trace_to_any(&mut self, last: bool) {
-        let arrived = &mut self.arrived;
-        self.to_any.trace::<F>(self.scene, true, last, |arrival| arrived.push(arrival));
+        let (scene, region, arrived) = (self.scene, &self.region, &mut self.arrived);
+        let pixels = |place: Place<F>, mask: F::Mask| pixels(scene, region, place, mask);
+        self.to_any.trace::<F>(scene, Some(pixels), last, |arrival| arrived.push(arrival));
     }
 
     /// The samples under way, of the pixels at these places of their tile, have ended, and their light's paths with them.
@@ -246,4 +220,32 @@ impl<'a, F: Trace> Sheets<'a, F> {
     pub fn splats(&self) -> &Splats {
         &self.splats
     }
+}
+
+/// The pixels of a region that light at these places goes to, what it counts there, and in which lanes of `mask` they are of the
+/// region.
+#[inline(always)]
+fn pixels<F: Real>(scene: &Scene, r: &Region, (raster, u): Place<F>, mask: F::Mask) -> (F::Index, F, F::Mask) {
+    let near = mask & may_be_within(scene, r, raster);
+    if near.none() {
+        return (F::Index::splat(0), F::zero(), near);
+    }
+    let ([x, y], share) = scene.filter().splat(raster, u);
+    let (x, y) = (x - r.x as f32, y - r.y as f32);
+    let axis = |at: F, size: u32| at.ge(F::zero()) & at.lt(F::splat(size as f32));
+    let within = near & axis(x, r.width) & axis(y, r.height);
+    // Of other lanes it is no number.
+    let (x, y) = (F::select(within, x, F::zero()), F::select(within, y, F::zero()));
+    (y.to_index() * F::Index::splat(r.width) + x.to_index(), share, within)
+}
+
+/// Lanes whose place is near enough to the region for a filter to reach it.
+#[inline(always)]
+fn may_be_within<F: Real>(scene: &Scene, r: &Region, raster: [F; 2]) -> F::Mask {
+    let reach = scene.filter().reach() + 1.0;
+    let axis = |at: F, first: u32, size: u32| {
+        let at = at - first as f32;
+        at.gt(F::splat(-reach)) & at.lt(F::splat(size as f32 + reach))
+    };
+    axis(raster[0], r.x, r.width) & axis(raster[1], r.y, r.height)
 }

@@ -146,7 +146,7 @@ impl<'a, F: Real> Walk<'a, F> {
         mask: F::Mask,
     ) -> (&mut Vertex<'a, F>, &[Vertex<'a, F>]) {
         match self.vertices.get_mut(self.len) {
-            Some(place) => *place = path.vertex(hit, u, mask),
+            Some(place) => path.meet(place, hit, u, mask),
             None => self.vertices.push(path.arrive(hit, u, mask)),
         }
         let (before, from_here) = self.vertices.split_at_mut(self.len);
@@ -333,19 +333,35 @@ impl<'a, F: Real> SubPath<'a, F> {
     fn vertex(&mut self, hit: &Hit<F>, u: &Dimensions<F>, mask: F::Mask) -> Vertex<'a, F> {
         let surface = self.scene.surface(&self.ray, hit, mask);
         let bsdf = self.scene.bsdf(&surface, || u.value(MIX_CHOICE), mask);
+        let (throughput, event) = (self.throughput(), F::Index::splat(0));
+        self.come_to(&surface, bsdf.normal(), mask);
+        Vertex { surface, bsdf, throughput, near: self.near, far: self.far, event, mask }
+    }
+
+    /// The same, made where it stays.
+    #[inline(always)]
+    fn meet(&mut self, at: &mut Vertex<'a, F>, hit: &Hit<F>, u: &Dimensions<F>, mask: F::Mask) {
+        at.surface = self.scene.surface(&self.ray, hit, mask);
+        at.bsdf = self.scene.bsdf(&at.surface, || u.value(MIX_CHOICE), mask);
+        self.come_to(&at.surface, at.bsdf.normal(), mask);
+        (at.throughput, at.near, at.far) = (self.throughput(), self.near, self.far);
+        (at.event, at.mask) = (F::Index::splat(0), mask);
+    }
+
+    /// A and B at a surface.
+    #[inline(always)]
+    fn come_to(&mut self, surface: &Surface<F>, normal: Vec3<F>, mask: F::Mask) {
         if self.heuristic.is_some() {
             if let Some(source) = &self.source
                 && self.segments == 1
             {
-                self.near *= self.drawn(source, &surface, bsdf.normal(), mask);
+                self.near *= self.drawn(source, surface, normal, mask);
             }
             let per_cos = surface.ng.dot(surface.wo).abs().max(F::splat(f32::MIN_POSITIVE)).recip();
             let d2 = (surface.p - self.from).length_squared();
             self.near *= F::select(self.from_far, F::one(), d2) * per_cos;
             self.far *= per_cos;
         }
-        let (near, far, event) = (self.near, self.far, F::Index::splat(0));
-        Vertex { surface, bsdf, throughput: self.throughput(), near, far, event, mask }
     }
 
     /// c_1: the density with which a surface draws the light's point, over that with which the walk began there.
