@@ -2,6 +2,7 @@
 
 use crate::Failure;
 use rebond::film::Image;
+use rebond::render::Integrator;
 use rebond_io::{ImageFormat, PngOptions, write_image};
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
@@ -22,6 +23,11 @@ pub fn written(outcome: std::io::Result<()>) -> Result<(), Failure> {
 /// Anything else, on standard error.
 pub fn note(text: &str) {
     let _ = writeln!(std::io::stderr().lock(), "{text}");
+}
+
+/// What an integrator did otherwise than it was asked to, after whose name.
+pub fn warn(integrator: &dyn Integrator, whose: &str) {
+    integrator.warnings().iter().for_each(|w| note(&format!("warning: {whose}{w}")));
 }
 
 /// The formats of these files, and a look at whether they can be written at all, before any work is done.

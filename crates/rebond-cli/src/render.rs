@@ -2,7 +2,7 @@
 
 use crate::Failure;
 use crate::open::{ImportArguments, open};
-use crate::output::{answer, check, check_place, layer_outputs, note, peak_memory_bytes, write, write_text};
+use crate::output::{answer, check, check_place, layer_outputs, note, peak_memory_bytes, warn, write, write_text};
 use crate::progress::{Progress, catch_interrupt};
 use crate::pyramid;
 use clap::Args;
@@ -324,7 +324,7 @@ pub fn run(a: &Arguments) -> Result<(), Failure> {
     }
 
     if !a.quiet {
-        integrator.warnings().iter().for_each(|w| note(&format!("warning: {w}")));
+        warn(&*integrator, "");
     }
 
     let tonemap = match a.tonemap {

@@ -467,6 +467,16 @@ fn radiosity_warns() {
     let shot = ["links and more do not fit into", "solved by progressive shooting instead", "give a larger error"];
     render("cornell-box", few, &shot);
     white.iter().for_each(|integrator| render("white.toml", integrator, &["has not converged: its residual is"]));
+    // Beside others it says whose it is.
+    let [jacobi, _] = &white;
+    let few = ["--size", "8x8", "--spp", "1"];
+    let contest = ["compare", "white.toml", "-i", jacobi, "-i", "path", "--reference", "a.pfm", "-o", "page"];
+    answer(&folder, &[&["render", "white.toml", "-i", "path", "-o", "a.pfm"][..], &few].concat());
+    let output = run(&folder, &[&contest[..], &few].concat());
+    let said = text(&output.stderr);
+    let warnings: Vec<&str> = said.lines().filter(|l| l.starts_with("warning: ")).collect();
+    let [warning] = warnings[..] else { panic!("one warning: {said}") };
+    assert!(warning.starts_with(&format!("warning: {jacobi}: the solution of radiosity has not converged")), "{said}");
     let solve = ["radiosity", "white.toml", "--patches", "12", "--solver", "gauss-seidel"];
     let output = run(&folder, &solve);
     assert!(text(&output.stderr).starts_with("warning: the solution of radiosity has not converged"), "{output:?}");

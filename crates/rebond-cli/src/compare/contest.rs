@@ -3,7 +3,7 @@
 use super::measure;
 use super::reference::Reference;
 use crate::Failure;
-use crate::output::{forget_peak_memory, peak_memory_bytes};
+use crate::output::{forget_peak_memory, peak_memory_bytes, warn};
 use crate::progress::{Progress, is_interrupted};
 use crate::render::sampler;
 use rebond::film::{Film, Image};
@@ -165,6 +165,9 @@ pub fn run(stage: &Stage, contender: Contender, reference: &Reference, budget: &
     progress.finish();
     if at == 0 {
         return Err(Failure::Interrupted);
+    }
+    if !stage.quiet {
+        warn(&*integrator, &format!("{}: ", contender.text));
     }
     drop(integrator);
     let (image, samples, dropped) = (film.develop(), film.samples(), film.dropped_samples());

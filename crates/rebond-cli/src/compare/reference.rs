@@ -2,6 +2,7 @@
 
 use super::contest::{Contender, Stage};
 use crate::Failure;
+use crate::output::warn;
 use crate::output::write_bytes;
 use crate::progress::Progress;
 use rebond::film::Image;
@@ -161,6 +162,9 @@ fn make(stage: &Stage, contender: &Contender, spp: u32) -> Result<Image, Failure
     let progress = Progress::new(budget, stage.region().pixels(), stage.quiet);
     let done = render(&*integrator, &mut film, stage.region(), 0, &budget, stage.threads, &progress);
     progress.finish();
+    if !stage.quiet {
+        warn(&*integrator, &format!("{}: ", contender.text));
+    }
     // Half a reference is none, and is not kept.
     if done.interrupted { Err(Failure::Interrupted) } else { Ok(film.develop()) }
 }

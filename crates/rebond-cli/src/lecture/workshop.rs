@@ -4,6 +4,7 @@ use super::Quality;
 use super::language::Language;
 use super::page::{Findings, Picture};
 use crate::Failure;
+use crate::output::warn;
 use crate::page::shell;
 use crate::progress::{Progress, is_interrupted};
 use rebond::film::{Film, Image};
@@ -162,6 +163,9 @@ impl Workshop {
         let (first, threads) = (shot.samples.start, self.threads);
         let statistics = render(&*integrator, &mut film, region, first, &budget, threads, &progress);
         progress.finish();
+        if !self.quiet {
+            warn(&*integrator, &format!("{}: ", shot.integrator));
+        }
         self.dropped.fetch_add(film.dropped_samples(), Ordering::Relaxed);
         if statistics.interrupted || is_interrupted() { Err(Failure::Interrupted) } else { Ok((film, statistics)) }
     }

@@ -310,7 +310,10 @@ impl IntegratorSettings {
         let tells_apart = matches!(self, Self::Path(_) | Self::Direct(_) | Self::Light(_) | Self::Bidirectional(_));
         if classes.is_some() && !tells_apart {
             let message = format!("{} does not tell paths apart", self.name());
-            return Err(IntegratorError { message, help: "use path, direct, light or bidirectional".into() });
+            return Err(IntegratorError {
+                message,
+                help: "use path, direct, light or bidirectional, or leave out --split".into(),
+            });
         }
         let picture = match self {
             Self::AmbientOcclusion(settings) => {
