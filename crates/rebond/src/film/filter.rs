@@ -262,7 +262,7 @@ impl Filter {
         slope.mul_add(at - F::from_index(i), a)
     }
 
-    /// How far beyond the picture's edges light may still count, in pixels.
+    /// How far from a pixel's centre light may still count, in pixels.
     pub fn reach(&self) -> f32 {
         self.settings.radius()
     }

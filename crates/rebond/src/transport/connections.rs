@@ -81,9 +81,9 @@ impl Connections {
         self.waiting += mask.count() as usize;
     }
 
-    /// Traces those that fill all lanes, which may lead to the eye; the others, too, if these are the `last`. Tells what arrives,
-    /// in the order in which it was added. If there are `pixels`, they say which ones it is for, what it counts there, and which of
-    /// it is for any.
+    /// Traces those that fill all lanes; the others, too, if these are the `last`. Tells what arrives, in the order in which it was
+    /// added. If there are `pixels`, the rays lead to the eye, and of what arrives they say which pixels it is for, what it counts
+    /// there, and which of it is for any.
     #[inline(always)]
     pub fn trace<F: Trace>(
         &mut self,

@@ -242,7 +242,8 @@ fn pixels<F: Real>(scene: &Scene, r: &Region, (raster, u): Place<F>, mask: F::Ma
 /// Lanes whose place is near enough to the region for a filter to reach it.
 #[inline(always)]
 fn may_be_within<F: Real>(scene: &Scene, r: &Region, raster: [F; 2]) -> F::Mask {
-    let reach = scene.filter().reach() + 1.0;
+    // Of pixels at the edges, whose centres lie half a pixel within; half of that half is for rounding.
+    let reach = scene.filter().reach() - 0.25;
     let axis = |at: F, first: u32, size: u32| {
         let at = at - first as f32;
         at.gt(F::splat(-reach)) & at.lt(F::splat(size as f32 + reach))
