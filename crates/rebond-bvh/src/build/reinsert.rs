@@ -168,10 +168,14 @@ fn reinsert(nodes: &mut [Binary], parents: &mut [u32], locked: &mut [u32], pass:
     nodes[parent as usize].right = to;
     parents[to as usize] = parent;
     parents[what as usize] = parent;
+    // Not by `refit`, which ends where nothing changes: in its new place the same box is new.
+    let bounds = nodes[what as usize].bounds().or(&nodes[to as usize].bounds());
+    nodes[parent as usize].set_bounds(&bounds);
     refit(nodes, parents, above);
-    refit(nodes, parents, parent);
+    refit(nodes, parents, to_parent);
 }
 
+/// Makes the box of a node that of its sides, and so on upwards until one stays as it was.
 fn refit(nodes: &mut [Binary], parents: &[u32], mut at: u32) {
     loop {
         let node = nodes[at as usize];
@@ -212,4 +216,46 @@ fn order(nodes: &mut Vec<Binary>) {
         ordered.push(node);
     }
     *nodes = ordered;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::binned::{self, Shape};
+    use super::super::bounds::Reference;
+    use super::*;
+
+    /// However many boxes are alike, a node's is that of its sides after all moves, and no leaf is lost.
+    #[test]
+    fn boxes_fit() {
+        let mut word = 1_u32;
+        let mut random = |below: u32| {
+            word = word.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
+            ((word >> 16) % below) as f32
+        };
+        for (n, grid) in if cfg!(miri) { [(40, 3), (40, 9)] } else { [(3000, 3), (3000, 9)] } {
+            let mut references: Vec<_> = (0..n)
+                .map(|i| {
+                    let p: [[f32; 3]; 2] = std::array::from_fn(|_| std::array::from_fn(|_| random(grid)));
+                    let of = |f: fn(f32, f32) -> f32| std::array::from_fn(|k| f(p[0][k], p[1][k]));
+                    Reference::new(Bounds::new(of(f32::min), of(f32::max)), i)
+                })
+                .collect();
+            let mut nodes = binned::build(&mut references, Shape { leaf: 1, balanced: false, coarse: false });
+            let before = area(&nodes);
+            improve(&mut nodes);
+            assert!(area(&nodes) < before);
+            assert_eq!(nodes.len(), 2 * n as usize - 1);
+            let mut seen = vec![false; n as usize];
+            for node in &nodes {
+                if node.count().is_some() {
+                    assert!(!std::mem::replace(&mut seen[node.left as usize], true));
+                    assert_eq!(node.bounds().corners(), references[node.left as usize].bounds.corners());
+                } else {
+                    let sides = [node.left, node.right].map(|side| nodes[side as usize].bounds());
+                    assert_eq!(node.bounds(), sides[0].or(&sides[1]));
+                }
+            }
+            assert!(seen.iter().all(|&seen| seen));
+        }
+    }
 }
