@@ -18,7 +18,8 @@
 //!
 //! A file is one idea: [`Accel`] (accel.rs) holds trees (tree.rs) of eight-wide nodes (node.rs) over blocks of
 //! triangles (triangle.rs) and other shapes (shape.rs), made by `build/`. query.rs takes rays to them: one at a time
-//! (ray.rs, single.rs) or sixteen (packet.rs), through instances (instance.rs) or straight.
+//! (ray.rs, single.rs) or sixteen, together (packet.rs) or in turns (turns.rs), through instances (instance.rs) or
+//! straight.
 
 // An axis or a slot indexes several arrays at once; `!(a >= b)` is meant to be true for NaN.
 #![allow(clippy::needless_range_loop, clippy::neg_cmp_op_on_partial_ord)]
@@ -35,6 +36,7 @@ mod simd;
 mod single;
 mod tree;
 mod triangle;
+mod turns;
 
 pub use accel::{Accel, BuildError, BuildOptions, BuildReport, Preset};
 

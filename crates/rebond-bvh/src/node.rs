@@ -31,6 +31,13 @@ impl Node {
     /// Never false for a box that holds a hit: see [`SingleRay`].
     #[inline(always)]
     pub fn enter<S: Simd>(&self, ray: &SingleRay, limit: S::F8) -> (u32, S::F8) {
+        let (enter, leave) = self.interval::<S>(ray, limit);
+        (enter.le(leave), enter)
+    }
+
+    /// Where the ray enters each child, if at all, and leaves it; see [`Node::enter`].
+    #[inline(always)]
+    pub fn interval<S: Simd>(&self, ray: &SingleRay, limit: S::F8) -> (S::F8, S::F8) {
         let plane = |row: usize| {
             debug_assert!(row < 6);
             // SAFETY: `SingleRay` makes its near planes 2k or 2k + 1 for k < 3; the far plane is the other of the two.
@@ -43,7 +50,7 @@ impl Node {
         };
         let enter = near(0).max(near(1)).max(near(2).max(S::F8::splat(0.0)));
         let leave = far(0).min(far(1)).min(far(2).min(limit));
-        (enter.le(leave), enter)
+        (enter, leave)
     }
 }
 
@@ -94,10 +101,20 @@ impl Child {
         if self.0 & LEAF == 0 {
             Target::Node(self.0)
         } else if self.0 & SHAPE == 0 {
-            Target::Blocks { first: self.0 & ((1 << BLOCK_BITS) - 1), count: (self.0 >> BLOCK_BITS & 3) + 1 }
+            Target::Blocks { first: self.first_block(), count: (self.0 >> BLOCK_BITS & 3) + 1 }
         } else {
             Target::Shape(self.0 & (SHAPE - 1))
         }
+    }
+    /// Of a child that is blocks, the first.
+    #[inline(always)]
+    pub fn first_block(self) -> u32 {
+        self.0 & ((1 << BLOCK_BITS) - 1)
+    }
+    /// Of a child of several blocks, the same without the first.
+    #[inline(always)]
+    pub fn next_block(self) -> Self {
+        Self(self.0.wrapping_sub((1 << BLOCK_BITS) - 1))
     }
     /// The same child after its tree's arrays were moved behind others.
     pub fn moved(self, nodes: u32, blocks: u32, shapes: u32) -> Self {
@@ -118,6 +135,7 @@ mod tests {
         assert_eq!(Child::node(7).target(), Target::Node(7));
         assert_eq!(Child::blocks(9, 4).target(), Target::Blocks { first: 9, count: 4 });
         assert_eq!(Child::blocks((1 << 28) - 1, 1).target(), Target::Blocks { first: (1 << 28) - 1, count: 1 });
+        assert_eq!(Child::blocks(9, 4).next_block(), Child::blocks(10, 3));
         assert_eq!(Child::shape(3).moved(5, 6, 7).target(), Target::Shape(10));
         assert_eq!(size_of::<Node>(), 256);
     }

@@ -7,15 +7,12 @@
 use crate::node::{Child, Node, ONE_PLUS, Target};
 use crate::ray::{Best, SingleRay};
 use crate::shape::Shape;
-use crate::simd::Simd;
+use crate::simd::{Lanes, Simd};
 use crate::single::{self, STACK, Shapes, Solid};
 use crate::tree::{FEW_CORNERS, Pair, Tree};
 use crate::{Filter, Hit, MISS, Ray, Sphere};
 use rebond_lanes::{F32x16, Index, Index16, Mask, Mask16, Real};
 use std::mem::MaybeUninit;
-
-/// With fewer rays than this in a subtree, each goes on by itself.
-const TOGETHER: u32 = 4;
 
 /// Sixteen rays, prepared as [`SingleRay`] is.
 pub(crate) struct Packet<'a> {
@@ -146,6 +143,47 @@ impl<'a> Packet<'a> {
             self.far[k] = center + error * inverse;
             self.down[k] = (d.to_bits() & sign).eq(sign);
         }
+    }
+
+    /// A ray that enters no box later and leaves none earlier than any of the lanes does, for boxes within `bounds`.
+    ///
+    /// Along an axis that all go the same way, the least of their distances to a plane is a concave function of its
+    /// place, and no less than its chord; the largest is convex, and no more than its chord. The chords go from behind
+    /// all origins to the farther bound. Rays that go both ways leave the axis out.
+    fn beam<S: Simd>(&self, lanes: Mask16, bounds: &([f32; 3], [f32; 3])) -> SingleRay {
+        let (mut inverse, mut near) = ([0.0; 3], [f32::NEG_INFINITY; 3]);
+        let (mut inverse_far, mut far) = ([0.0; 3], [f32::INFINITY; 3]);
+        let mut down = [false; 3];
+        let reach = largest::<S>(self.reach, lanes);
+        let margin = reach * 1e-3;
+        for k in 0..3 {
+            let all_down = (self.down[k] & lanes).bits();
+            if all_down != 0 && all_down != lanes.bits() {
+                continue;
+            }
+            down[k] = all_down != 0;
+            let (first, last) = (least::<S>(self.ray.o[k], lanes), largest::<S>(self.ray.o[k], lanes));
+            // From before all origins, beyond all rounding.
+            let (from, to) = if down[k] {
+                (last + margin, bounds.0[k].min(first) - margin)
+            } else {
+                (first - margin, bounds.1[k].max(last) + margin)
+            };
+            let at = |p: f32| {
+                let t = self.inverse[k] * p;
+                (least::<S>(t + self.near[k], lanes), largest::<S>(t + self.far[k], lanes))
+            };
+            let ((near_from, far_from), (near_to, far_to)) = (at(from), at(to));
+            let slope = |a: f32, b: f32| (b - a) / (to - from);
+            inverse[k] = slope(near_from, near_to);
+            inverse_far[k] = slope(far_from, far_to);
+            // What rounding takes from the ends of the chords, and from the constants.
+            let ends = near_from.abs().max(near_to.abs()).max(far_from.abs()).max(far_to.abs());
+            let slack = 1e-5 * ends + 1e-6 * reach * largest::<S>(self.inverse[k].abs(), lanes);
+            near[k] = near_from - inverse[k] * from - slack;
+            far[k] = far_from - inverse_far[k] * from + slack;
+        }
+        SingleRay::beam([inverse, near, inverse_far, far], down)
     }
 
     /// One corner in the rays' frames.
@@ -305,6 +343,23 @@ impl<'a> Packet<'a> {
     }
 }
 
+/// The largest of some lanes.
+#[inline(always)]
+fn largest<S: Simd>(x: F32x16, lanes: Mask16) -> f32 {
+    let mut all = [0.0; 16];
+    F32x16::select(lanes, x, F32x16::splat(f32::NEG_INFINITY)).store(&mut all);
+    let half = |i: usize| S::F8::load(all[i..i + 8].try_into().expect("eight"));
+    let eight = half(0).max(half(8));
+    let [a, b, c, d] = S::low(eight).max(S::high(eight)).array();
+    a.max(b).max(c.max(d))
+}
+
+/// The least of some lanes.
+#[inline(always)]
+fn least<S: Simd>(x: F32x16, lanes: Mask16) -> f32 {
+    -largest::<S>(-x, lanes)
+}
+
 /// On which side of the edge from `p` to `q` the rays pass: positive, negative, or exactly through it.
 #[inline(always)]
 fn edge(p: [F32x16; 3], q: [F32x16; 3]) -> F32x16 {
@@ -318,6 +373,13 @@ fn sides(u: F32x16, v: F32x16, w: F32x16, active: Mask16) -> (Mask16, Mask16) {
     let product = u.min(v).min(w) * u.max(v).max(w);
     let inside = active & product.ge(F32x16::zero());
     (inside, inside & product.le(F32x16::zero()))
+}
+
+/// The set lane, if it is alone: in a subtree that one ray enters, it goes on by itself.
+#[inline(always)]
+fn only(mask: Mask16) -> Option<usize> {
+    let bits = mask.bits();
+    bits.is_power_of_two().then(|| bits.trailing_zeros() as usize & 15)
 }
 
 /// The set lanes.
@@ -511,19 +573,21 @@ pub(crate) fn closest<S: Simd, const PREFETCH: bool, K: Filter>(
     let mut best = Bests::up_to(packet.ray.tmax);
     let Some(root) = tree.root() else { return best };
     packet.prepare_boxes();
+    let beam = packet.beam::<S>(active, &tree.bounds);
+    // No nearest hit so far is farther.
+    let mut farthest = largest::<S>(best.t, active);
+    let all = active;
     let solid = Solid { instance, filter };
     let mut singles = Singles::new();
     let mut places: [MaybeUninit<Entry>; STACK] = [const { MaybeUninit::uninit() }; STACK];
     let mut len = 0;
     let (mut current, mut active) = (root, active);
     loop {
-        if active.count() < TOGETHER {
-            for i in lanes(active) {
-                let ray = singles.get(packet, i);
-                let mut one = best.lane(i, instance);
-                single::closest::<S, PREFETCH, K>(tree, current, ray, instance, filter, &solid, &mut one);
-                best.set(i, &one);
-            }
+        if let Some(i) = only(active) {
+            let ray = singles.get(packet, i);
+            let mut one = best.lane(i, instance);
+            single::closest::<S, PREFETCH, K>(tree, current, ray, instance, filter, &solid, &mut one);
+            best.set(i, &one);
         } else {
             match current.target() {
                 Target::Node(index) => {
@@ -531,7 +595,10 @@ pub(crate) fn closest<S: Simd, const PREFETCH: bool, K: Filter>(
                     let node = unsafe { tree.nodes().get_unchecked(index as usize) };
                     let limit = best.t * ONE_PLUS;
                     let bottom = len;
-                    for slot in 0..8 {
+                    let (mut mask, _) = node.enter::<S>(&beam, S::F8::splat(farthest * ONE_PLUS));
+                    while mask != 0 {
+                        let slot = mask.trailing_zeros() as usize & 7;
+                        mask &= mask - 1;
                         let (entered, enter) = packet.enter(node, slot, limit);
                         let entered = entered & active;
                         if entered.none() {
@@ -575,6 +642,7 @@ pub(crate) fn closest<S: Simd, const PREFETCH: bool, K: Filter>(
                             }
                         }
                     }
+                    farthest = largest::<S>(best.t, all);
                 }
                 Target::Shape(index) => {
                     packet.shape(&tree.shapes()[index as usize], active, &solid, &mut best);
@@ -620,12 +688,10 @@ pub(crate) fn occluded<S: Simd, K: Filter>(
     let mut again = Mask16::splat(false);
     let (mut current, mut active) = (root, active);
     loop {
-        if active.count() < TOGETHER {
-            for i in lanes(active) {
-                let (ray, tmax) = (singles.get(packet, i), packet.ray.tmax.lane(i));
-                if single::occluded::<S, false, K>(tree, current, ray, instance, filter, &solid, tmax) {
-                    left = left.and_not(Mask16::from_bits(1 << i));
-                }
+        if let Some(i) = only(active) {
+            let (ray, tmax) = (singles.get(packet, i), packet.ray.tmax.lane(i));
+            if single::occluded::<S, false, K>(tree, current, ray, instance, filter, &solid, tmax) {
+                left = left.and_not(Mask16::from_bits(1 << i));
             }
         } else {
             match current.target() {

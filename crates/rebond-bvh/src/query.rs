@@ -6,11 +6,10 @@ use crate::packet::{self, Packet};
 use crate::ray::{Best, Rays, SingleRay, no_hit};
 use crate::shape::Shape;
 use crate::simd::{Native, Simd};
-use crate::single::{self, Places, Shapes, Solid, Step};
+use crate::single::{self, Shapes, Solid};
 use crate::tree::Tree;
-use crate::{Filter, Hit, MISS, Ray};
+use crate::{Filter, Hit, MISS, Ray, turns};
 use rebond_lanes::{F32x16, Index, Mask, Mask16, Real};
-use std::mem::MaybeUninit;
 
 /// What [`Accel`] forwards its calls to.
 pub trait Query: Real {
@@ -50,7 +49,7 @@ impl Query for F32x16 {
                 each_closest(accel, ray, alone, filter, &mut hit);
                 return hit;
             }
-            if coherent || tree.is_small() {
+            if coherent {
                 let (mut packet, fit, unusual) = Packet::new(ray, mask, tree.extent);
                 let found = if tree.large {
                     packet::closest::<Native, true, K>(tree, &mut packet, fit, instance, filter)
@@ -108,11 +107,7 @@ fn each_closest<K: Filter>(accel: &Accel, ray: &Ray<F32x16>, mask: Mask16, filte
         let usual = mask & fit & ray.tmax.ge(F32x16::zero());
         let rays = Rays::new(ray.o, ray.d, largest, reach);
         let tmax = store(ray.tmax);
-        if tree.large {
-            closest_of_each::<Native, true, K>(tree, &rays, &tmax, usual.bits(), instance, filter, &mut hits);
-        } else {
-            closest_of_each::<Native, false, K>(tree, &rays, &tmax, usual.bits(), instance, filter, &mut hits);
-        }
+        turns::closest::<Native, K>(tree, &rays, &tmax, usual.bits(), instance, filter, |i, best| hits.set(i, best));
         left = mask.and_not(usual);
     }
     if left.any() {
@@ -143,58 +138,10 @@ impl Hits {
 
 /// Calls `f` with each set bit.
 #[inline(always)]
-fn each(mut bits: u32, mut f: impl FnMut(usize)) {
+pub(crate) fn each(mut bits: u32, mut f: impl FnMut(usize)) {
     while bits != 0 {
         f(bits.trailing_zeros() as usize & 15);
         bits &= bits - 1;
-    }
-}
-
-/// How many rays take turns in a large tree, so that what one waits for arrives while the others work.
-const TURNS: usize = 12;
-
-/// Starts a walk for each set bit, and lets [`TURNS`] of them take turns until `turn` says of each that it is over.
-#[inline(always)]
-fn in_turns<T, W>(
-    mut bits: u32,
-    mut start: impl FnMut(usize) -> W,
-    mut turn: impl FnMut(usize, &mut W, &mut Places<T>) -> bool,
-) {
-    let mut next = || {
-        let i = bits.trailing_zeros() as usize & 15;
-        (bits != 0).then(|| {
-            bits &= bits - 1;
-            (i, start(i))
-        })
-    };
-    let mut places: [Places<T>; TURNS] = std::array::from_fn(|_| single::no_places());
-    let mut walks: [MaybeUninit<(usize, W)>; TURNS] = [const { MaybeUninit::uninit() }; TURNS];
-    // Those that are under way.
-    let mut slots = [0; TURNS];
-    let mut busy = 0;
-    while busy < TURNS
-        && let Some(walk) = next()
-    {
-        walks[busy].write(walk);
-        slots[busy] = busy;
-        busy += 1;
-    }
-    while busy > 0 {
-        let mut at = 0;
-        while at < busy {
-            let slot = slots[at];
-            // SAFETY: what is under way was written.
-            let (i, walk) = unsafe { walks[slot].assume_init_mut() };
-            if turn(*i, walk, &mut places[slot]) {
-                at += 1;
-            } else if let Some(walk) = next() {
-                walks[slot].write(walk);
-                at += 1;
-            } else {
-                busy -= 1;
-                slots[at] = slots[busy];
-            }
-        }
     }
 }
 
@@ -206,39 +153,6 @@ fn lane_of(ray: &Ray<F32x16>) -> impl Fn(usize) -> Ray<f32> {
     move |i| Ray { o: o.map(|x| x[i]), d: d.map(|x| x[i]), tmax: tmax[i], time: time[i] }
 }
 
-#[inline(never)]
-fn closest_of_each<S: Simd, const PREFETCH: bool, K: Filter>(
-    tree: &Tree,
-    rays: &Rays,
-    tmax: &[f32; 16],
-    lanes: u32,
-    instance: u32,
-    filter: &K,
-    hits: &mut Hits,
-) {
-    let Some(root) = tree.root() else { return };
-    let solid = Solid { instance, filter };
-    if PREFETCH {
-        let start = |i: usize| (rays.lane(i), single::Nearest::new(root, tmax[i]), Best::up_to(tmax[i]));
-        in_turns(lanes, start, |i, (ray, walk, best), places| {
-            while walk.step::<S, true, K>(places, tree, ray, instance, filter, &solid, best) {
-                if walk.current.is_leaf() {
-                    single::prefetch(tree, walk.current);
-                    return true;
-                }
-            }
-            hits.set(i, best);
-            false
-        });
-    } else {
-        each(lanes, |i| {
-            let mut best = Best::up_to(tmax[i]);
-            single::closest::<S, false, K>(tree, root, &rays.lane(i), instance, filter, &solid, &mut best);
-            hits.set(i, &best);
-        });
-    }
-}
-
 #[inline]
 fn each_occluded<K: Filter>(accel: &Accel, ray: &Ray<F32x16>, mask: Mask16, filter: &K) -> Mask16 {
     let (mut left, mut hit) = (mask, 0);
@@ -247,7 +161,7 @@ fn each_occluded<K: Filter>(accel: &Accel, ray: &Ray<F32x16>, mask: Mask16, filt
         let (fit, largest, reach) = SingleRay::sizes_of(ray.o, ray.d, tree.extent);
         let usual = mask & fit & ray.tmax.ge(F32x16::zero());
         let rays = Rays::new(ray.o, ray.d, largest, reach);
-        hit = occluded_of_each::<Native, K>(tree, &rays, &store(ray.tmax), usual.bits(), instance, filter);
+        hit = turns::occluded::<Native, K>(tree, &rays, &store(ray.tmax), usual.bits(), instance, filter);
         left = mask.and_not(usual);
     }
     if left.any() {
@@ -255,37 +169,6 @@ fn each_occluded<K: Filter>(accel: &Accel, ray: &Ray<F32x16>, mask: Mask16, filt
         each(left.bits(), |i| hit |= u32::from(occluded::<Native, K>(accel, &one(i), filter)) << i);
     }
     Mask::from_bits(hit)
-}
-
-#[inline(never)]
-fn occluded_of_each<S: Simd, K: Filter>(
-    tree: &Tree,
-    rays: &Rays,
-    tmax: &[f32; 16],
-    lanes: u32,
-    instance: u32,
-    filter: &K,
-) -> u32 {
-    let Some(root) = tree.root() else { return 0 };
-    let solid = Solid { instance, filter };
-    let mut hit = 0;
-    if tree.large {
-        let start = |i: usize| (rays.lane(i), single::Any::new(root));
-        in_turns(lanes, start, |i, (ray, walk), places| {
-            let step = walk.step::<S, true, false, K>(places, tree, ray, instance, filter, &solid, tmax[i]);
-            hit |= u32::from(step == Step::Blocked) << i;
-            if step == Step::GoOn {
-                single::prefetch(tree, walk.current);
-            }
-            step == Step::GoOn
-        });
-    } else {
-        each(lanes, |i| {
-            let blocked = single::occluded::<S, false, K>(tree, root, &rays.lane(i), instance, filter, &solid, tmax[i]);
-            hit |= u32::from(blocked) << i;
-        });
-    }
-    hit
 }
 
 #[inline(always)]
@@ -378,7 +261,7 @@ fn unusual<S: Simd, K: Filter>(
     let mut scaled = *best;
     scaled.t = (f64::from(best.t) / scale) as f32;
     let before = (scaled.t, scaled.primitive, scaled.instance);
-    if ray.in_f64 {
+    if ray.is_in_f64() {
         tree.scan(&ray, instance, filter, shapes, &mut scaled);
     } else {
         single::closest::<S, false, K>(tree, root, &ray, instance, filter, shapes, &mut scaled);
@@ -487,15 +370,85 @@ mod tests {
         geometry
     }
 
+    /// Sixteen rays that stay together, one moment in a narrow bundle and the next in a wide one, find what each finds alone.
+    #[test]
+    fn bundles_agree() {
+        let here = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
+        let mut word = 1_u32;
+        let mut random = || {
+            word = word.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
+            (word >> 8) as f32 / (1 << 24) as f32 - 0.5
+        };
+        let (n, bundles) = if cfg!(miri) { (6, 10) } else { (60, 20_000) };
+        for offset in [[0.0; 3], [300.0, -7.0, 1e4]] {
+            let mut geometry = mesh(n);
+            geometry.positions.iter_mut().for_each(|p| *p = std::array::from_fn(|k| p[k] + offset[k]));
+            geometry.spheres[0].center = std::array::from_fn(|k| geometry.spheres[0].center[k] + offset[k]);
+            let corners = geometry.positions.clone();
+            let instances = vec![Instance { geometry: 0, keyframes: vec![(0.0, here)] }];
+            let options = BuildOptions::with_preset(Preset::Fast);
+            let (accel, _) = Accel::build(vec![geometry], instances, &options).unwrap();
+            let (mut hits, mut narrow) = (0, 0);
+            for bundle in 0..bundles {
+                let [wide, apart] = [0, 5].map(|shift| [0.0, 1e-4, 0.01, 0.1, 1.0][(bundle >> shift) % 5]);
+                let axis = [random(), random(), random()];
+                let from: [f32; 3] = std::array::from_fn(|k| offset[k] + 4.0 * random());
+                let to = corners[bundle % corners.len()];
+                let rays: [Ray<f32>; 16] = std::array::from_fn(|i| {
+                    let o = from.map(|x| x + apart * random());
+                    // Some go along an axis, to the bit.
+                    let d = std::array::from_fn(|k| match bundle % 7 {
+                        0 if k != bundle % 3 => 0.0,
+                        1..4 => axis[k] + wide * random(),
+                        _ => to[k] - from[k] + wide * random(),
+                    });
+                    Ray { o, d, tmax: if i == 3 { 1.0 } else { f32::INFINITY }, time: 0.0 }
+                });
+                let lanes = |f: &dyn Fn(&Ray<f32>) -> f32| F32x16::load(&rays.each_ref().map(f));
+                let wide = Ray {
+                    o: std::array::from_fn(|k| lanes(&|r| r.o[k])),
+                    d: std::array::from_fn(|k| lanes(&|r| r.d[k])),
+                    tmax: lanes(&|r| r.tmax),
+                    time: lanes(&|r| r.time),
+                };
+                let mask = Mask16::from_bits([0xffff, 0xbff7, 0x00f1][bundle % 3]);
+                let hit = accel.closest(&wide, mask, true);
+                for (i, ray) in rays.iter().enumerate().filter(|(i, _)| mask.bits() >> i & 1 == 1) {
+                    let one = closest::<Native, _>(&accel, ray, &Everything);
+                    assert_eq!((one.primitive, one.t), (hit.primitive.lane(i), hit.t.lane(i)), "{bundle} {i} {ray:?}");
+                    hits += usize::from(one.primitive != MISS);
+                }
+                let signs = |ray: &Ray<f32>| ray.d.map(f32::is_sign_negative);
+                narrow += usize::from(rays.iter().all(|ray| signs(ray) == signs(&rays[0])));
+            }
+            assert!(cfg!(miri) || hits > 4 * bundles && narrow > bundles / 3, "{hits} {narrow}");
+        }
+    }
+
+    /// Rays that take turns find `hit`, and are stopped if they go on beyond it but not if they end before.
+    fn turns_agree<S: Simd>(tree: &Tree, ray: &Ray<F32x16>, lanes: u32, hit: &Hit<F32x16>) {
+        let (_, largest, reach) = SingleRay::sizes_of(ray.o, ray.d, tree.extent);
+        let rays = Rays::new(ray.o, ray.d, largest, reach);
+        let (t, mut found) = (store(hit.t), 0);
+        turns::closest::<S, _>(tree, &rays, &store(ray.tmax), lanes, 0, &Everything, |i, best| {
+            assert_eq!(found >> i & 1, 0);
+            found |= 1 << i;
+            assert!((best.t - t[i]).abs() <= 1e-5 * t[i]);
+        });
+        assert_eq!(found, lanes);
+        let occluded = |f: f32| turns::occluded::<S, _>(tree, &rays, &t.map(|t| f * t), lanes, 0, &Everything);
+        assert_eq!((occluded(1.001), occluded(0.999)), (lanes, 0));
+    }
+
     /// The arrays' kernel, the packets and the look at everything find the same; nothing gets out.
     #[test]
     fn all_paths_agree() {
         let few = if cfg!(miri) { 16 } else { 2000 };
         let here = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
         let there = [[0.0, -1.0, 0.0, 0.25], [2.0, 0.0, 0.0, 0.5], [0.0, 0.0, 0.5, 0.0]];
-        // Tiny, small enough for packets of any kind, two levels.
-        let sizes = if cfg!(miri) { [3, 5, 3] } else { [4, 9, 6] };
-        for (n, matrices) in sizes.into_iter().zip([vec![here], vec![here], vec![here, there]]) {
+        // Tiny, small enough for packets of any kind, too large for that, two levels.
+        let sizes = if cfg!(miri) { [3, 5, 6, 3] } else { [4, 9, 40, 6] };
+        for (n, matrices) in sizes.into_iter().zip([vec![here], vec![here], vec![here], vec![here, there]]) {
             let geometry = mesh(n);
             let corners = geometry.positions.clone();
             let instances: Vec<_> =
@@ -533,14 +486,21 @@ mod tests {
                 };
                 let all = Mask16::splat(true);
                 let packet = accel.closest(&wide, all, true);
+                let apart = accel.closest(&wide, all, false);
                 assert!(accel.occluded(&wide, all).all());
+                if one {
+                    turns_agree::<Native>(&accel.trees[0], &wide, 0b1011_1111_1111_1101, &packet);
+                    // Every other ray goes to a corner, and whether it just passes may depend on the machine.
+                    turns_agree::<Portable>(&accel.trees[0], &wide, 0b1010_1010_1000_1010, &packet);
+                }
                 for (i, ray) in group.iter().enumerate() {
                     let native = closest::<Native, _>(&accel, ray, &Everything);
                     assert_eq!(native.primitive, packet.primitive.lane(i));
                     assert_eq!(native.t, packet.t.lane(i));
+                    assert_eq!((native.t, native.primitive), (apart.t.lane(i), apart.primitive.lane(i)));
                     let portable = closest::<Portable, _>(&accel, ray, &Everything);
                     assert!(portable.primitive != MISS && occluded::<Portable, _>(&accel, ray, &Everything));
-                    // Whether a ray just passes a corner may depend on the machine.
+                    // As above.
                     if i % 2 == 0 {
                         continue;
                     }

@@ -2,6 +2,7 @@
 
 use crate::MISS;
 use crate::node::ONE_PLUS;
+use crate::simd::{Lanes, Native, Simd};
 use rebond_lanes::{F32x16, Index, Index16, Mask, Real};
 
 /// A ray as the kernels want it.
@@ -15,6 +16,7 @@ use rebond_lanes::{F32x16, Index, Index16, Mask, Real};
 /// A triangle is seen in the frame of the ray: `axes` puts the largest component of d last, and `shear` moves it onto
 /// that axis.
 #[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
 pub(crate) struct SingleRay {
     pub o: [f32; 3],
     pub d: [f32; 3],
@@ -23,19 +25,24 @@ pub(crate) struct SingleRay {
     /// `inverse` times [`ONE_PLUS`].
     pub inverse_far: [f32; 3],
     pub far: [f32; 3],
-    /// Row of [`Node::planes`](crate::node::Node::planes) that is entered first, for each axis.
-    near_plane: [usize; 3],
-    axes: [usize; 3],
     /// o, its axes in the order of `axes`.
     pub origin: [f32; 3],
     /// d[axes[0]] / d[axes[2]], d[axes[1]] / d[axes[2]], 1 / d[axes[2]].
     pub shear: [f32; 3],
-    /// The scene is too large or too small for f32's products: look at every primitive, in f64.
-    pub in_f64: bool,
+    /// Row of [`Node::planes`](crate::node::Node::planes) that is entered first, for each axis.
+    near_plane: [u32; 3],
+    axes: [u32; 3],
+    /// 1 if the scene is too large or too small for f32's products: look at every primitive, in f64.
+    in_f64: u32,
+    /// Makes the words [`WORDS`].
+    _unused: u32,
 }
 
+/// Words of a [`SingleRay`].
+const WORDS: usize = 32;
+
 /// The axes across a ray and the one along it, by the number of the latter.
-const AXES: [[usize; 3]; 3] = [[1, 2, 0], [2, 0, 1], [0, 1, 2]];
+const AXES: [[u32; 3]; 3] = [[1, 2, 0], [2, 0, 1], [0, 1, 2]];
 
 /// Beyond these, products of three coordinates and an inverse direction could overflow or vanish.
 const HUGE: f32 = (1_u64 << 34) as f32;
@@ -53,12 +60,16 @@ impl SingleRay {
     /// Row of the node's planes that is entered first, for each axis: 2k or 2k + 1 for axis k.
     #[inline(always)]
     pub fn near_plane(&self) -> [usize; 3] {
-        self.near_plane
+        self.near_plane.map(|row| row as usize)
     }
     /// A permutation of 0, 1, 2; the largest component of d comes last.
     #[inline(always)]
     pub fn axes(&self) -> [usize; 3] {
-        self.axes
+        self.axes.map(|axis| axis as usize)
+    }
+    /// Whether the scene is too large or too small for f32's products: look at every primitive, in f64.
+    pub fn is_in_f64(&self) -> bool {
+        self.in_f64 == 1
     }
     /// Which rays [`SingleRay::usual`] is right for, the largest component of d, and that of o plus `extent`, which is
     /// the largest absolute coordinate of what is to be hit.
@@ -110,6 +121,27 @@ impl SingleRay {
         Some((Self::prepared(o, d, size, largest, reach, !(TINY..=HUGE).contains(&reach)), scale))
     }
 
+    /// Only what boxes need: `inverse`, `near`, `inverse_far` and `far`, and which axes it goes down.
+    #[inline(always)]
+    pub fn beam([inverse, near, inverse_far, far]: [[f32; 3]; 4], down: [bool; 3]) -> Self {
+        let nothing = [0.0; 3];
+        let near_plane = std::array::from_fn(|k| 2 * k as u32 + u32::from(down[k]));
+        Self {
+            o: nothing,
+            d: nothing,
+            inverse,
+            near,
+            inverse_far,
+            far,
+            origin: nothing,
+            shear: nothing,
+            near_plane,
+            axes: AXES[0],
+            in_f64: 0,
+            _unused: 0,
+        }
+    }
+
     #[inline(always)]
     fn prepared(o: [f32; 3], d: [f32; 3], size: [f32; 3], largest: f32, reach: f32, in_f64: bool) -> Self {
         let z = if size[0] == largest {
@@ -131,9 +163,10 @@ impl SingleRay {
             far: [0.0; 3],
             near_plane: [0; 3],
             axes,
-            origin: axes.map(|k| o[k]),
+            _unused: 0,
+            origin: axes.map(|k| o[k as usize]),
             shear: [0.0; 3],
-            in_f64,
+            in_f64: u32::from(in_f64),
         };
         for k in 0..3 {
             let sign = d[k].to_bits() & 0x8000_0000;
@@ -145,95 +178,72 @@ impl SingleRay {
             ray.near[k] = center - error * inverse;
             ray.inverse_far[k] = signed * ONE_PLUS;
             ray.far[k] = (center + error * inverse) * ONE_PLUS;
-            ray.near_plane[k] = 2 * k + (sign >> 31) as usize;
+            ray.near_plane[k] = 2 * k as u32 + (sign >> 31);
         }
         // The component is at least `least`, so this is 1/d[z] as above.
         let inverse = ray.inverse[z];
-        ray.shear = [d[axes[0]] * inverse, d[axes[1]] * inverse, inverse];
+        let [x, y, _] = axes.map(|k| d[k as usize]);
+        ray.shear = [x * inverse, y * inverse, inverse];
         ray
     }
 }
 
 /// Sixteen rays, each prepared as a [`SingleRay`] is, to the bit.
-pub(crate) struct Rays {
-    o: [[f32; 16]; 3],
-    d: [[f32; 16]; 3],
-    inverse: [[f32; 16]; 3],
-    near: [[f32; 16]; 3],
-    inverse_far: [[f32; 16]; 3],
-    far: [[f32; 16]; 3],
-    shear: [[f32; 16]; 3],
-    /// Bit i: lane i goes down that axis.
-    down: [u32; 3],
-    /// Bit i: the largest component of lane i's direction is x; y.
-    along: [u32; 2],
-}
+pub(crate) struct Rays([SingleRay; 16]);
 
 impl Rays {
     /// Rays that [`SingleRay::usual`] is right for, with their sizes.
     #[inline(always)]
     pub fn new(o: [F32x16; 3], d: [F32x16; 3], largest: F32x16, reach: F32x16) -> Self {
-        let nothing = [[0.0; 16]; 3];
-        let mut rays = Self {
-            o: nothing,
-            d: nothing,
-            inverse: nothing,
-            near: nothing,
-            inverse_far: nothing,
-            far: nothing,
-            shear: nothing,
-            down: [0; 3],
-            along: [0; 2],
-        };
-        let size = [d[0].abs(), d[1].abs(), d[2].abs()];
+        let size = d.map(F32x16::abs);
         let least = largest * SingleRay::FLAT;
         let error = reach * SingleRay::POSITION_ERROR;
         let sign_bit = Index16::splat(0x8000_0000);
-        let mut signed = [F32x16::zero(); 3];
-        for k in 0..3 {
-            let inverse = F32x16::one() / F32x16::select(size[k].gt(least), size[k], least);
-            signed[k] = inverse.copy_sign(d[k]);
-            let center = -(o[k] * signed[k]);
-            o[k].store(&mut rays.o[k]);
-            d[k].store(&mut rays.d[k]);
-            signed[k].store(&mut rays.inverse[k]);
-            (center - error * inverse).store(&mut rays.near[k]);
-            (signed[k] * ONE_PLUS).store(&mut rays.inverse_far[k]);
-            ((center + error * inverse) * ONE_PLUS).store(&mut rays.far[k]);
-            rays.down[k] = (d[k].to_bits() & sign_bit).eq(sign_bit).bits();
-        }
         let along_x = size[0].eq(largest);
         let along_y = size[1].eq(largest).and_not(along_x);
-        let choose = |x, y, z| F32x16::select(along_x, x, F32x16::select(along_y, y, z));
-        let inverse = choose(signed[0], signed[1], signed[2]);
-        (choose(d[1], d[2], d[0]) * inverse).store(&mut rays.shear[0]);
-        (choose(d[2], d[0], d[1]) * inverse).store(&mut rays.shear[1]);
-        inverse.store(&mut rays.shear[2]);
-        rays.along = [along_x.bits(), along_y.bits()];
-        rays
+        let choose = |[x, y, z]: [F32x16; 3]| F32x16::select(along_x, x, F32x16::select(along_y, y, z));
+        let turned = |[x, y, z]: [F32x16; 3]| [choose([y, z, x]), choose([z, x, y]), choose([x, y, z])];
+        let word = |x: u32| F32x16::from_bits(Index16::splat(x));
+        let mut inverse = [F32x16::zero(); 3];
+        // One column for every word of a ray.
+        let mut columns = [[0.0; 16]; WORDS];
+        let mut write = |row: usize, x: F32x16| x.store(&mut columns[row]);
+        for k in 0..3 {
+            let length = F32x16::one() / F32x16::select(size[k].gt(least), size[k], least);
+            inverse[k] = length.copy_sign(d[k]);
+            let center = -(o[k] * inverse[k]);
+            let down = (d[k].to_bits() & sign_bit).eq(sign_bit);
+            write(k, o[k]);
+            write(3 + k, d[k]);
+            write(6 + k, inverse[k]);
+            write(9 + k, center - error * length);
+            write(12 + k, inverse[k] * ONE_PLUS);
+            write(15 + k, (center + error * length) * ONE_PLUS);
+            write(24 + k, F32x16::select(down, word(2 * k as u32 + 1), word(2 * k as u32)));
+        }
+        let (origin, [x, y, _], axes) = (turned(o), turned(d), turned([0, 1, 2].map(word)));
+        let inverse = choose(inverse);
+        for (k, shear) in [x * inverse, y * inverse, inverse].into_iter().enumerate() {
+            write(18 + k, origin[k]);
+            write(21 + k, shear);
+            write(27 + k, axes[k]);
+        }
+        let mut rows = [[0.0; WORDS]; 16];
+        for (row, column) in (0..16).step_by(8).flat_map(|row| (0..WORDS).step_by(8).map(move |column| (row, column))) {
+            let part =
+                |i: usize| <Native as Simd>::F8::load(columns[column + i][row..row + 8].try_into().expect("eight"));
+            for (i, x) in Native::transpose(std::array::from_fn(part)).into_iter().enumerate() {
+                rows[row + i][column..column + 8].copy_from_slice(&x.array());
+            }
+        }
+        // SAFETY: a ray is `WORDS` words of four bytes, of which any are good, in the order in which they were written.
+        Self(unsafe { std::mem::transmute::<[[f32; WORDS]; 16], [SingleRay; 16]>(rows) })
     }
 
     /// One of them.
     #[inline(always)]
-    pub fn lane(&self, i: usize) -> SingleRay {
-        let i = i % 16;
-        let bit = |bits: u32| (bits >> i & 1) as usize;
-        let of = |x: &[[f32; 16]; 3]| [x[0][i], x[1][i], x[2][i]];
-        let axes = AXES[[2, 0, 1, 0][bit(self.along[0]) | bit(self.along[1]) << 1]];
-        let o = of(&self.o);
-        SingleRay {
-            o,
-            d: of(&self.d),
-            inverse: of(&self.inverse),
-            near: of(&self.near),
-            inverse_far: of(&self.inverse_far),
-            far: of(&self.far),
-            near_plane: [bit(self.down[0]), 2 + bit(self.down[1]), 4 + bit(self.down[2])],
-            axes,
-            origin: [o[axes[0]], o[axes[1]], o[axes[2]]],
-            shear: of(&self.shear),
-            in_f64: false,
-        }
+    pub fn lane(&self, i: usize) -> &SingleRay {
+        &self.0[i % 16]
     }
 }
 

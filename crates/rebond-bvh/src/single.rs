@@ -41,11 +41,11 @@ impl<K: Filter> Shapes for Solid<'_, K> {
 }
 
 /// Room for children yet to be visited.
-pub(crate) type Places<T> = [MaybeUninit<T>; STACK];
+type Places<T> = [MaybeUninit<T>; STACK];
 
 /// A stack that was never used.
 #[inline(always)]
-pub(crate) fn no_places<T>() -> Places<T> {
+fn no_places<T>() -> Places<T> {
     [const { MaybeUninit::uninit() }; STACK]
 }
 
@@ -90,38 +90,25 @@ pub(crate) fn prefetch(tree: &Tree, child: Child) {
     }
 }
 
-/// A ray on its way to its nearest hit: where it is and what it left to visit. What it found stands apart: others write to
-/// it, and what stood beside it could not stay in registers.
-pub(crate) struct Nearest {
-    limit: f32,
-    pub current: Child,
-    len: usize,
-}
-
-impl Nearest {
-    #[inline(always)]
-    pub fn new(start: Child, tmax: f32) -> Self {
-        Self { limit: tmax * ONE_PLUS, current: start, len: 0 }
-    }
-
-    /// Visits `current` and goes on to the next; false if there is none.
-    #[inline(always)]
-    #[allow(clippy::too_many_arguments)]
-    pub fn step<S: Simd, const PREFETCH: bool, K: Filter>(
-        &mut self,
-        places: &mut Places<u64>,
-        tree: &Tree,
-        ray: &SingleRay,
-        instance: u32,
-        filter: &K,
-        shapes: &impl Shapes,
-        best: &mut Best,
-    ) -> bool {
-        match self.current.target() {
+/// Puts the nearest hit in the subtree `start` into `best` if it comes before.
+#[inline(always)]
+pub(crate) fn closest<S: Simd, const PREFETCH: bool, K: Filter>(
+    tree: &Tree,
+    start: Child,
+    ray: &SingleRay,
+    instance: u32,
+    filter: &K,
+    shapes: &impl Shapes,
+    best: &mut Best,
+) {
+    let mut places = no_places::<u64>();
+    let (mut current, mut len, mut limit) = (start, 0, best.t * ONE_PLUS);
+    'walk: loop {
+        match current.target() {
             Target::Node(index) => {
                 // SAFETY: `Tree::new` has checked every child.
                 let node = unsafe { tree.nodes().get_unchecked(index as usize) };
-                let (mut mask, enter) = node.enter::<S>(ray, S::F8::splat(self.limit));
+                let (mut mask, enter) = node.enter::<S>(ray, S::F8::splat(limit));
                 if mask != 0 {
                     let enter = enter.array();
                     let mut next = || {
@@ -135,16 +122,16 @@ impl Nearest {
                     };
                     let (first, rest) = next();
                     if rest == 0 {
-                        self.current = Child(first as u32);
-                        return true;
+                        current = Child(first as u32);
+                        continue 'walk;
                     }
                     let (second, rest) = next();
                     let (mut near, mut far) = (first.min(second), first.max(second));
                     if rest == 0 {
                         // SAFETY: `Tree::new` has checked that the stack is large enough for all pushes on the way.
-                        unsafe { push(places, &mut self.len, far) };
-                        self.current = Child(near as u32);
-                        return true;
+                        unsafe { push(&mut places, &mut len, far) };
+                        current = Child(near as u32);
+                        continue 'walk;
                     }
                     let (third, rest) = next();
                     let middle;
@@ -154,28 +141,28 @@ impl Nearest {
                     if rest == 0 {
                         // SAFETY: as above.
                         unsafe {
-                            push(places, &mut self.len, far);
-                            push(places, &mut self.len, second);
+                            push(&mut places, &mut len, far);
+                            push(&mut places, &mut len, second);
                         }
-                        self.current = Child(near as u32);
-                        return true;
+                        current = Child(near as u32);
+                        continue 'walk;
                     }
                     // SAFETY: as above.
                     unsafe {
-                        push(places, &mut self.len, far);
-                        push(places, &mut self.len, second);
-                        push(places, &mut self.len, near);
+                        push(&mut places, &mut len, far);
+                        push(&mut places, &mut len, second);
+                        push(&mut places, &mut len, near);
                     }
-                    let bottom = self.len - 3;
+                    let bottom = len - 3;
                     let mut rest = rest;
                     while rest != 0 {
                         let (x, left) = next();
                         rest = left;
-                        let mut i = self.len;
+                        let mut i = len;
                         // SAFETY: places from `bottom` to `len` were pushed, and there is room for one more, as above.
                         unsafe {
-                            push(places, &mut self.len, x);
-                            while i > bottom && at(places, i - 1) < x {
+                            push(&mut places, &mut len, x);
+                            while i > bottom && at(&places, i - 1) < x {
                                 *places.get_unchecked_mut(i) = *places.get_unchecked(i - 1);
                                 i -= 1;
                             }
@@ -190,127 +177,25 @@ impl Nearest {
                     let block = unsafe { tree.blocks().get_unchecked(i as usize) };
                     block.closest::<S>(ray, instance, filter, best);
                 }
-                self.limit = best.t * ONE_PLUS;
+                limit = best.t * ONE_PLUS;
             }
             Target::Shape(index) => {
                 shapes.closest(&tree.shapes()[index as usize], ray, best);
-                self.limit = best.t * ONE_PLUS;
+                limit = best.t * ONE_PLUS;
             }
         }
         loop {
-            if self.len == 0 {
-                return false;
+            if len == 0 {
+                return;
             }
-            self.len -= 1;
+            len -= 1;
             // SAFETY: everything below `len` was pushed.
-            let key = unsafe { at(places, self.len) };
-            if f32::from_bits((key >> 32) as u32) <= self.limit {
-                self.current = Child(key as u32);
-                return true;
+            let key = unsafe { at(&places, len) };
+            if f32::from_bits((key >> 32) as u32) <= limit {
+                current = Child(key as u32);
+                continue 'walk;
             }
         }
-    }
-}
-
-/// Puts the nearest hit in the subtree `start` into `best` if it comes before.
-#[inline(always)]
-pub(crate) fn closest<S: Simd, const PREFETCH: bool, K: Filter>(
-    tree: &Tree,
-    start: Child,
-    ray: &SingleRay,
-    instance: u32,
-    filter: &K,
-    shapes: &impl Shapes,
-    best: &mut Best,
-) {
-    let mut places = no_places();
-    let mut walk = Nearest::new(start, best.t);
-    while walk.step::<S, PREFETCH, K>(&mut places, tree, ray, instance, filter, shapes, best) {}
-}
-
-/// A ray on its way to any hit.
-pub(crate) struct Any {
-    pub current: Child,
-    len: usize,
-}
-
-/// What a step came to.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Step {
-    GoOn,
-    Blocked,
-    Free,
-}
-
-impl Any {
-    #[inline(always)]
-    pub fn new(start: Child) -> Self {
-        Self { current: start, len: 0 }
-    }
-
-    /// Visits `current` and goes on to the next. `TURNS` says that other rays take turns with this one: then no branch
-    /// that is hard to foresee is worth what it saves. A ray by itself asks for what it will want later if `PREFETCH`.
-    #[inline(always)]
-    #[allow(clippy::too_many_arguments)]
-    pub fn step<S: Simd, const TURNS: bool, const PREFETCH: bool, K: Filter>(
-        &mut self,
-        places: &mut Places<u32>,
-        tree: &Tree,
-        ray: &SingleRay,
-        instance: u32,
-        filter: &K,
-        shapes: &impl Shapes,
-        tmax: f32,
-    ) -> Step {
-        match self.current.target() {
-            Target::Node(index) => {
-                // SAFETY: `Tree::new` has checked every child.
-                let node = unsafe { tree.nodes().get_unchecked(index as usize) };
-                let (mask, _) = node.enter::<S>(ray, S::F8::splat(tmax * ONE_PLUS));
-                let mut rest = mask;
-                if !TURNS && mask != 0 {
-                    // Not taken from the stack: what was just written there takes long to come back.
-                    let last = 31 - mask.leading_zeros();
-                    self.current = node.children[last as usize & 7];
-                    rest ^= 1 << last;
-                }
-                if TURNS || rest != 0 {
-                    let children = S::compress(&node.children.map(|child| child.0), rest);
-                    // SAFETY: `Tree::new` has checked that the stack is large enough for all pushes on the way and
-                    // eight more.
-                    unsafe { places.as_mut_ptr().add(self.len).cast::<[u32; 8]>().write_unaligned(children) };
-                    self.len += rest.count_ones() as usize;
-                }
-                if !TURNS && mask != 0 {
-                    while PREFETCH && rest != 0 {
-                        prefetch(tree, node.children[rest.trailing_zeros() as usize & 7]);
-                        rest &= rest - 1;
-                    }
-                    return Step::GoOn;
-                }
-            }
-            Target::Blocks { first, count } => {
-                for i in first..first + count {
-                    // SAFETY: `Tree::new` has checked every child.
-                    let block = unsafe { tree.blocks().get_unchecked(i as usize) };
-                    if block.occluded::<S>(ray, instance, filter, tmax) {
-                        return Step::Blocked;
-                    }
-                }
-            }
-            Target::Shape(index) => {
-                if shapes.occluded(&tree.shapes()[index as usize], ray, tmax) {
-                    return Step::Blocked;
-                }
-            }
-        }
-        if self.len == 0 {
-            return Step::Free;
-        }
-        self.len -= 1;
-        // SAFETY: everything below `len` was pushed.
-        self.current = Child(unsafe { at(places, self.len) });
-        Step::GoOn
     }
 }
 
@@ -325,12 +210,53 @@ pub(crate) fn occluded<S: Simd, const PREFETCH: bool, K: Filter>(
     shapes: &impl Shapes,
     tmax: f32,
 ) -> bool {
-    let mut places = no_places();
-    let mut walk = Any::new(start);
+    let mut places = no_places::<u32>();
+    let (mut current, mut len) = (start, 0);
     loop {
-        match walk.step::<S, false, PREFETCH, K>(&mut places, tree, ray, instance, filter, shapes, tmax) {
-            Step::GoOn => {}
-            step => return step == Step::Blocked,
+        match current.target() {
+            Target::Node(index) => {
+                // SAFETY: `Tree::new` has checked every child.
+                let node = unsafe { tree.nodes().get_unchecked(index as usize) };
+                let (mut rest, _) = node.enter::<S>(ray, S::F8::splat(tmax * ONE_PLUS));
+                if rest != 0 {
+                    // Not taken from the stack: what was just written there takes long to come back.
+                    let last = 31 - rest.leading_zeros();
+                    current = node.children[last as usize & 7];
+                    rest ^= 1 << last;
+                    if rest != 0 {
+                        let children = S::compress(&node.children.map(|child| child.0), rest);
+                        // SAFETY: `Tree::new` has checked that the stack is large enough for all pushes on the way and
+                        // eight more.
+                        unsafe { places.as_mut_ptr().add(len).cast::<[u32; 8]>().write_unaligned(children) };
+                        len += rest.count_ones() as usize;
+                    }
+                    while PREFETCH && rest != 0 {
+                        prefetch(tree, node.children[rest.trailing_zeros() as usize & 7]);
+                        rest &= rest - 1;
+                    }
+                    continue;
+                }
+            }
+            Target::Blocks { first, count } => {
+                for i in first..first + count {
+                    // SAFETY: `Tree::new` has checked every child.
+                    let block = unsafe { tree.blocks().get_unchecked(i as usize) };
+                    if block.occluded::<S>(ray, instance, filter, tmax) {
+                        return true;
+                    }
+                }
+            }
+            Target::Shape(index) => {
+                if shapes.occluded(&tree.shapes()[index as usize], ray, tmax) {
+                    return true;
+                }
+            }
         }
+        if len == 0 {
+            return false;
+        }
+        len -= 1;
+        // SAFETY: everything below `len` was pushed.
+        current = Child(unsafe { at(&places, len) });
     }
 }

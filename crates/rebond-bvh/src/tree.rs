@@ -44,10 +44,10 @@ const FEW: usize = 64;
 pub(crate) const FEW_CORNERS: usize = 96;
 const FEW_SHAPES: usize = 8;
 
-/// Packets are kept for rays of any kind in trees of fewer bytes than this.
+/// In trees of fewer bytes than this, rays to any hit stay together even if they go different ways.
 const SMALL: usize = 32 << 10;
 
-/// Trees of more bytes than this fetch children ahead.
+/// In trees of more bytes than this, packets and single rays fetch children ahead.
 const LARGE: usize = 4 << 20;
 
 impl Tree {
@@ -125,7 +125,7 @@ impl Tree {
     pub fn is_tiny(&self) -> bool {
         self.shapes.len() <= FEW_SHAPES && (self.blocks.is_empty() || !self.pairs.is_empty())
     }
-    /// Whether sixteen rays had better stay together even if they go different ways.
+    /// Whether sixteen rays to any hit had better stay together.
     pub fn is_small(&self) -> bool {
         self.bytes() < SMALL
     }
