@@ -221,7 +221,7 @@ fn packed(rays: &[Ray<f32>]) -> Vec<Ray<F32x16>> {
 mod embree {
     //! The few functions of Embree 4's C interface that are needed here.
 
-    use super::{Geometry, Ray};
+    use super::{F32x16, Geometry, Ray, Real};
     use std::ffi::{CString, c_char, c_int, c_void};
     use std::sync::atomic::{AtomicIsize, Ordering};
 
@@ -289,10 +289,61 @@ mod embree {
         }
     }
 
+    /// Sixteen of them, lane beside lane; a row is one of the words above.
+    #[repr(C, align(64))]
+    struct RayHit16 {
+        words: [[u32; 16]; 40],
+    }
+
+    impl RayHit16 {
+        const TFAR: usize = 8;
+        const PRIMITIVE: usize = 17;
+
+        fn new(ray: &Ray<F32x16>) -> Self {
+            let mut words = [[0; 16]; 40];
+            let [x, y, z] = ray.o;
+            let [dx, dy, dz] = ray.d;
+            let zero = F32x16::zero();
+            for (words, x) in words.iter_mut().zip([x, y, z, zero, dx, dy, dz, zero, ray.tmax]) {
+                let mut floats = [0.0; 16];
+                x.store(&mut floats);
+                *words = floats.map(f32::to_bits);
+            }
+            words[Self::TFAR + 1] = [u32::MAX; 16];
+            words[Self::PRIMITIVE..].fill([u32::MAX; 16]);
+            Self { words }
+        }
+    }
+
+    /// What a query may be told; the fields that are null mean what they mean without it.
+    #[repr(C)]
+    struct Arguments {
+        flags: u32,
+        features: u32,
+        nothing: [*const c_void; 8],
+    }
+
+    impl Arguments {
+        /// Whether rays may be expected to stay together.
+        fn new(coherent: bool) -> Self {
+            Self { flags: u32::from(coherent) << 16, features: u32::MAX, nothing: [std::ptr::null(); 8] }
+        }
+    }
+
+    /// All of sixteen rays.
+    #[repr(C, align(64))]
+    struct All([i32; 16]);
+
+    static ALL: All = All([-1; 16]);
+
+    type Query16 = unsafe extern "C" fn(*const All, Handle, *mut RayHit16, *const Arguments);
+
     pub struct Scene {
         scene: Handle,
         intersect: unsafe extern "C" fn(Handle, *mut RayHit, *const c_void),
         occluded: unsafe extern "C" fn(Handle, *mut RayHit, *const c_void),
+        intersect16: Query16,
+        occluded16: Query16,
         pub seconds: (f64, f64),
         pub bytes: isize,
     }
@@ -330,6 +381,10 @@ mod embree {
             let commit = function!(self, rtcCommitScene: fn(Handle));
             let intersect = function!(self, rtcIntersect1: fn(Handle, *mut RayHit, *const c_void));
             let occluded = function!(self, rtcOccluded1: fn(Handle, *mut RayHit, *const c_void));
+            let intersect16 = function!(self, rtcIntersect16:
+                fn(*const All, Handle, *mut RayHit16, *const Arguments));
+            let occluded16 = function!(self, rtcOccluded16:
+                fn(*const All, Handle, *mut RayHit16, *const Arguments));
             // Embree reads sixteen bytes of the last vertex.
             let mut positions = geometry.positions.clone();
             positions.push([0.0; 3]);
@@ -354,6 +409,8 @@ mod embree {
                     scene,
                     intersect,
                     occluded,
+                    intersect16,
+                    occluded16,
                     seconds: (start.0.elapsed().as_secs_f64(), super::all_processor_time() - start.1),
                     bytes: BYTES.load(Ordering::Relaxed),
                 }
@@ -373,6 +430,19 @@ mod embree {
             // SAFETY: as above.
             unsafe { (self.occluded)(self.scene, &raw mut hit, std::ptr::null()) };
             hit.tfar < 0.0
+        }
+        /// How many of sixteen rays hit.
+        pub fn closest16(&self, ray: &Ray<F32x16>, coherent: bool) -> usize {
+            let mut hit = RayHit16::new(ray);
+            // SAFETY: as above.
+            unsafe { (self.intersect16)(&ALL, self.scene, &raw mut hit, &Arguments::new(coherent)) };
+            hit.words[RayHit16::PRIMITIVE].iter().filter(|&&primitive| primitive != super::MISS).count()
+        }
+        pub fn occluded16(&self, ray: &Ray<F32x16>) -> usize {
+            let mut hit = RayHit16::new(ray);
+            // SAFETY: as above.
+            unsafe { (self.occluded16)(&ALL, self.scene, &raw mut hit, &Arguments::new(false)) };
+            hit.words[RayHit16::TFAR].iter().filter(|&&t| f32::from_bits(t) < 0.0).count()
         }
     }
 }
@@ -408,7 +478,8 @@ fn clock(which: std::ffi::c_int) -> f64 {
 }
 
 enum Engine {
-    Embree(embree::Scene),
+    Embree(std::rc::Rc<embree::Scene>),
+    Embree16(std::rc::Rc<embree::Scene>),
     Single(std::rc::Rc<Accel>),
     Packet(std::rc::Rc<Accel>),
 }
@@ -427,6 +498,8 @@ impl Engine {
         let hits = match self {
             Self::Embree(scene) if rays.shadow => rays.single.iter().filter(|ray| scene.occluded(ray)).count(),
             Self::Embree(scene) => rays.single.iter().filter(|ray| scene.closest(ray) != MISS).count(),
+            Self::Embree16(scene) if rays.shadow => rays.packets.iter().map(|ray| scene.occluded16(ray)).sum(),
+            Self::Embree16(scene) => rays.packets.iter().map(|ray| scene.closest16(ray, rays.coherent)).sum(),
             Self::Single(accel) if rays.shadow => rays.single.iter().filter(|ray| accel.occluded(*ray, true)).count(),
             Self::Single(accel) => rays
                 .single
@@ -570,7 +643,11 @@ fn main() {
                     }
                     let built = library.build(&scene.geometry, quality, robust, 1);
                     note(name, 1, built.seconds, built.bytes as f64);
-                    engines.push((name.to_owned(), Engine::Embree(built)));
+                    let built = std::rc::Rc::new(built);
+                    engines.push((name.to_owned(), Engine::Embree(built.clone())));
+                    if !ours_only {
+                        engines.push((format!("{name} x16"), Engine::Embree16(built)));
+                    }
                 }
             }
         }
