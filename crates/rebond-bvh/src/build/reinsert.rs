@@ -243,7 +243,7 @@ mod tests {
             let mut nodes = binned::build(&mut references, Shape { leaf: 1, balanced: false, coarse: false });
             let before = area(&nodes);
             improve(&mut nodes);
-            assert!(area(&nodes) < before);
+            assert!(cfg!(miri) || area(&nodes) < before);
             assert_eq!(nodes.len(), 2 * n as usize - 1);
             let mut seen = vec![false; n as usize];
             for node in &nodes {
