@@ -34,7 +34,7 @@ pub(crate) struct SingleRay {
     axes: [u32; 3],
     /// 1 if the scene is too large or too small for f32's products: look at every primitive, in f64.
     in_f64: u32,
-    /// Makes the words [`WORDS`].
+    /// Fills the record up to [`WORDS`] words.
     _unused: u32,
 }
 
