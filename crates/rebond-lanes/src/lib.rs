@@ -134,14 +134,7 @@ pub trait Index:
         !self.eq(other)
     }
     /// The bits of the value in reverse order.
-    fn reverse_bits(self) -> Self {
-        let mut x = self;
-        for (mask, shift) in [(0x5555_5555, 1), (0x3333_3333, 2), (0x0f0f_0f0f, 4), (0x00ff_00ff, 8)] {
-            let m = Self::splat(mask);
-            x = ((x >> shift) & m) | ((x & m) << shift);
-        }
-        (x >> 16) | (x << 16)
-    }
+    fn reverse_bits(self) -> Self;
 }
 
 /// A number on a path: `f32`, or sixteen lanes of it.

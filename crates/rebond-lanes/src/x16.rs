@@ -8,6 +8,11 @@ use wide::{f32x16, u32x16};
 #[cfg_attr(not(target_feature = "avx512f"), path = "x16/mask_lanes.rs")]
 mod mask;
 
+#[cfg_attr(target_feature = "avx512bw", path = "x16/moves_avx512.rs")]
+#[cfg_attr(all(target_feature = "avx2", not(target_feature = "avx512bw")), path = "x16/moves_avx2.rs")]
+#[cfg_attr(not(target_feature = "avx2"), path = "x16/moves_portable.rs")]
+mod moves;
+
 /// Sixteen truth values.
 #[derive(Clone, Copy, Debug)]
 #[repr(transparent)]
@@ -166,28 +171,9 @@ impl Index for Index16 {
     fn select(mask: Mask16, a: Self, b: Self) -> Self {
         Self(integers(mask::select(mask.0, floats(a.0), floats(b.0))))
     }
-    #[cfg(target_feature = "avx512bw")]
     #[inline(always)]
     fn reverse_bits(self) -> Self {
-        use std::arch::x86_64::{
-            __m512i, _mm_loadu_si128, _mm512_and_si512, _mm512_broadcast_i32x4, _mm512_or_si512, _mm512_set1_epi8,
-            _mm512_shuffle_epi8, _mm512_srli_epi32,
-        };
-        // Half a byte reversed, as the lower and as the upper half; the bytes of four words reversed.
-        const LOW: [u8; 16] = [0, 8, 4, 12, 2, 10, 6, 14, 1, 9, 5, 13, 3, 11, 7, 15];
-        const HIGH: [u8; 16] = [0, 128, 64, 192, 32, 160, 96, 224, 16, 144, 80, 208, 48, 176, 112, 240];
-        const BYTES: [u8; 16] = [3, 2, 1, 0, 7, 6, 5, 4, 11, 10, 9, 8, 15, 14, 13, 12];
-        // SAFETY: AVX-512BW, and with it F, is there (cfg); sixteen bytes are read from sixteen; any 64 bytes are a
-        // `__m512i` and sixteen integers.
-        unsafe {
-            let everywhere = |bytes: &[u8; 16]| _mm512_broadcast_i32x4(_mm_loadu_si128(bytes.as_ptr().cast()));
-            let x = std::mem::transmute::<[u32; 16], __m512i>(*self.0.as_array());
-            let half = _mm512_set1_epi8(15);
-            let low = _mm512_shuffle_epi8(everywhere(&HIGH), _mm512_and_si512(x, half));
-            let high = _mm512_shuffle_epi8(everywhere(&LOW), _mm512_and_si512(_mm512_srli_epi32::<4>(x), half));
-            let bytes = _mm512_shuffle_epi8(_mm512_or_si512(low, high), everywhere(&BYTES));
-            Self(u32x16::new(std::mem::transmute::<__m512i, [u32; 16]>(bytes)))
-        }
+        Self(moves::reverse_bits(self.0))
     }
 }
 
@@ -220,29 +206,8 @@ impl Real for F32x16 {
     }
     #[inline(always)]
     fn compress(self, mask: Mask16, to: &mut [f32]) -> usize {
-        assert!(to.len() >= 16);
-        #[cfg(target_feature = "avx512f")]
-        {
-            use std::arch::x86_64::{_mm512_loadu_ps, _mm512_maskz_compress_ps, _mm512_storeu_ps};
-            let bits = mask.bits() as u16;
-            // SAFETY: AVX-512F is there (cfg); sixteen floats are read from sixteen, and `to` holds at least the
-            // sixteen that are written (assert).
-            unsafe {
-                let lanes = _mm512_loadu_ps(self.0.as_array().as_ptr());
-                _mm512_storeu_ps(to.as_mut_ptr(), _mm512_maskz_compress_ps(bits, lanes));
-            }
-            bits.count_ones() as usize
-        }
-        #[cfg(not(target_feature = "avx512f"))]
-        {
-            let (lanes, bits) = (self.0.as_array(), mask.bits());
-            let mut n = 0;
-            for (lane, value) in lanes.iter().enumerate() {
-                to[n.min(15)] = *value;
-                n += (bits >> lane & 1) as usize;
-            }
-            n
-        }
+        let to = to.first_chunk_mut().expect("room for sixteen values");
+        moves::compress(self.0, mask.bits(), to)
     }
     #[inline(always)]
     fn select(mask: Mask16, a: Self, b: Self) -> Self {
@@ -313,46 +278,7 @@ impl Real for F32x16 {
         assert!(!table.is_empty());
         let last = u32::try_from(table.len() - 1).unwrap_or(u32::MAX);
         let at = index.min(Index::splat(last)).0;
-        let at = at.as_array();
-        #[cfg(target_feature = "avx512f")]
-        {
-            use std::arch::x86_64::{
-                __m512, _mm_load_ps, _mm512_castpd_ps, _mm512_castps_pd, _mm512_castps128_ps512, _mm512_insertf32x4,
-                _mm512_unpackhi_pd, _mm512_unpackhi_ps, _mm512_unpacklo_pd, _mm512_unpacklo_ps,
-            };
-            // Register k takes the records of lanes k, k+4, k+8 and k+12; transposing the 4×4 blocks of four such
-            // registers then leaves the lanes in order.
-            // SAFETY: AVX-512F is there (cfg); every index was clamped to the table, whose records are 16-aligned.
-            let lanes: [[f32; 16]; 4] = unsafe {
-                let one = |lane: usize| _mm_load_ps(table.get_unchecked(at[lane] as usize).0.as_ptr());
-                let four = |k: usize| {
-                    let r = _mm512_castps128_ps512(one(k));
-                    let r = _mm512_insertf32x4::<1>(r, one(k + 4));
-                    let r = _mm512_insertf32x4::<2>(r, one(k + 8));
-                    _mm512_insertf32x4::<3>(r, one(k + 12))
-                };
-                let (a, b, c, d) = (four(0), four(1), four(2), four(3));
-                let (ab_xy, ab_zw) = (_mm512_unpacklo_ps(a, b), _mm512_unpackhi_ps(a, b));
-                let (cd_xy, cd_zw) = (_mm512_unpacklo_ps(c, d), _mm512_unpackhi_ps(c, d));
-                let low = |p, q| _mm512_castpd_ps(_mm512_unpacklo_pd(_mm512_castps_pd(p), _mm512_castps_pd(q)));
-                let high = |p, q| _mm512_castpd_ps(_mm512_unpackhi_pd(_mm512_castps_pd(p), _mm512_castps_pd(q)));
-                let lanes = [low(ab_xy, cd_xy), high(ab_xy, cd_xy), low(ab_zw, cd_zw), high(ab_zw, cd_zw)];
-                std::mem::transmute::<[__m512; 4], [[f32; 16]; 4]>(lanes)
-            };
-            lanes.map(|l| Self(f32x16::new(l)))
-        }
-        #[cfg(not(target_feature = "avx512f"))]
-        {
-            // SAFETY: every index was clamped to the table.
-            let one = |lane: usize| unsafe { table.get_unchecked(at[lane] as usize).0 };
-            let mut out = [[0.0; 16]; 4];
-            for lane in 0..16 {
-                let r = one(lane);
-                for word in 0..4 {
-                    out[word][lane] = r[word];
-                }
-            }
-            out.map(|l| Self(f32x16::new(l)))
-        }
+        // SAFETY: every index was clamped to the table.
+        unsafe { moves::records(table, at.as_array()) }.map(Self)
     }
 }

@@ -1,6 +1,6 @@
 //! Sixteen truth values as lanes.
 
-use wide::{f32x16, u32x16};
+use wide::{f32x8, f32x16, u32x16};
 
 /// The bits of every lane are all 0 or all 1.
 pub(super) type Lanes = f32x16;
@@ -54,10 +54,12 @@ pub(super) fn bits(mask: Lanes) -> u32 {
 
 #[inline(always)]
 pub(super) fn any(mask: Lanes) -> bool {
-    mask.any()
+    let [a, b]: [f32x8; 2] = bytemuck::cast(mask);
+    (a | b).any()
 }
 
 #[inline(always)]
 pub(super) fn all(mask: Lanes) -> bool {
-    mask.all()
+    let [a, b]: [f32x8; 2] = bytemuck::cast(mask);
+    (a & b).all()
 }

@@ -147,9 +147,9 @@ macro_rules! path_state {
             #[inline(always)]
             pub(super) fn compress(&self, mask: F::Mask, columns: &mut [f32], stride: usize, at: usize) -> usize {
                 let mut column = columns.chunks_exact_mut(stride);
-                let mut next = |value: F| value.compress(mask, &mut column.next().expect("a column per field")[at..]);
-                $(next(self.$real);)*
-                $(next(F::from_bits(self.$index));)*
+                let mut next = || &mut column.next().expect("a column per field")[at..];
+                $(self.$real.compress(mask, next());)*
+                $(F::from_bits(self.$index).compress(mask, next());)*
                 mask.count() as usize
             }
         }
