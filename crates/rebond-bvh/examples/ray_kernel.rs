@@ -1,7 +1,7 @@
 //! Times the ray queries, next to Embree 4 if its shared library is given.
 //!
 //! `ray_kernel [--embree LIBRARY] [--scene NAME] [--preset NAME] [--repeat N] [--side PIXELS] [--ours]
-//! [--build | --curve]`
+//! [--build | --curve | --ply FILE]`
 //!
 //! All engines trace the same rays (camera, first and second diffuse bounce, shadow), on one thread, one after the other
 //! in every round; the figures are medians over the rounds, of processor time. Build times are given by
@@ -130,6 +130,28 @@ fn land(cells: usize, blades: usize, trees: usize) -> Scene {
         geometry.triangles.extend(crown.triangles.into_iter().map(|t| t.map(|i| i + first)));
     }
     Scene { name: "land", geometry, eye: [3.0, 4.5, 19.0], at: [0.0, 0.0, 0.0], light: [30.0, 60.0, 20.0] }
+}
+
+/// The triangles as a binary PLY file, for other programs.
+fn write_ply(geometry: &Geometry, path: &str) -> std::io::Result<()> {
+    use std::io::Write;
+    let mut file = std::io::BufWriter::new(std::fs::File::create(path)?);
+    let (vertices, faces) = (geometry.positions.len(), geometry.triangles.len());
+    write!(
+        file,
+        "ply\nformat binary_little_endian 1.0\nelement vertex {vertices}\nproperty float x\nproperty float y\n"
+    )?;
+    write!(file, "property float z\nelement face {faces}\nproperty list uchar int vertex_indices\nend_header\n")?;
+    for x in geometry.positions.iter().flatten() {
+        file.write_all(&x.to_le_bytes())?;
+    }
+    for corners in &geometry.triangles {
+        file.write_all(&[3])?;
+        for corner in corners {
+            file.write_all(&corner.to_le_bytes())?;
+        }
+    }
+    file.flush()
 }
 
 fn normalized(d: [f32; 3]) -> [f32; 3] {
@@ -612,6 +634,10 @@ fn main() {
             }
         }
         return;
+    }
+    if let Some(path) = value("--ply") {
+        let (_, make) = scenes.iter().find(|scene| only.is_some_and(|name| name == scene.0)).expect("--scene NAME");
+        return write_ply(&make().geometry, path).expect("a file that can be written");
     }
     if arguments.iter().any(|a| a == "--build") {
         for (_, make) in scenes.iter().filter(|scene| only.is_none_or(|name| name == scene.0)) {
