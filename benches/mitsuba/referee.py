@@ -65,7 +65,7 @@ def main():
     parser.add_argument("--max-depth", type=int, default=8)
     parser.add_argument("--rr-depth", type=int, default=5)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--sampler", choices=["independent", "sobol", "stratified"], default="independent", help="rebond's")
+    parser.add_argument("--sampler", choices=["independent", "lattice", "sobol", "stratified"], default="independent", help="rebond's")
     parser.add_argument("--variant", default="llvm_ad_rgb", help="Mitsuba's: llvm_ad_rgb or scalar_rgb")
     parser.add_argument("-o", "--output", type=Path, help="write both pictures and a map of t to this folder")
     rebond.add_arguments(parser)

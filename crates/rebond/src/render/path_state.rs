@@ -5,7 +5,7 @@ use super::path_classes::PathClasses;
 use crate::bsdf::BsdfSample;
 use crate::emitter::EmitterSample;
 use crate::math::{Rgb, Vec3, offset_from_surface, vec3};
-use crate::sampling::{Sampler, Stream};
+use crate::sampling::{Plane, Sampler, Stream};
 use crate::scene::{Scene, Surface};
 use rebond_bvh::{Hit, Ray};
 use rebond_lanes::{Index, Mask, Real};
@@ -93,6 +93,7 @@ const CAMERA_DIMENSIONS: u32 = 3;
 /// The sample values of one bounce.
 pub struct Dimensions<F: Real> {
     stream: Stream<F>,
+    number: F::Index,
     first: F::Index,
 }
 
@@ -100,7 +101,7 @@ impl<F: Real> Dimensions<F> {
     /// Those of bounce `number`, of which every one uses `per_bounce` dimensions.
     #[inline(always)]
     pub fn new(stream: Stream<F>, number: F::Index, per_bounce: u32) -> Self {
-        Self { stream, first: number * F::Index::splat(per_bounce) + F::Index::splat(CAMERA_DIMENSIONS) }
+        Self { stream, number, first: number * F::Index::splat(per_bounce) + F::Index::splat(CAMERA_DIMENSIONS) }
     }
     /// One value in [0, 1).
     #[inline(always)]
@@ -110,7 +111,7 @@ impl<F: Real> Dimensions<F> {
     /// Two values, well spread over the square.
     #[inline(always)]
     pub fn pair(&self, n: u32) -> [F; 2] {
-        self.stream.pair(self.first + F::Index::splat(n))
+        self.stream.pair_in(self.first + F::Index::splat(n), || Plane::of_bounce(self.number, n))
     }
 }
 
@@ -243,10 +244,10 @@ impl<F: Real> PathState<F> {
     ) -> Self {
         let stream = sampler.stream::<F>(pixel, sample);
         let dimension = |n: u32| F::Index::splat(n);
-        let ([fx, fy], weight) = scene.filter().sample(stream.pair(dimension(0)));
+        let ([fx, fy], weight) = scene.filter().sample(stream.pair_in(dimension(0), Plane::pixel));
         let raster = [F::from_index(x) + 0.5 + fx, F::from_index(y) + 0.5 + fy];
         let camera = scene.camera();
-        let lens = if camera.has_lens() { stream.pair(dimension(1)) } else { [F::splat(0.5); 2] };
+        let lens = if camera.has_lens() { stream.pair_in(dimension(1), Plane::lens) } else { [F::splat(0.5); 2] };
         let drawn = || if camera.has_shutter() { stream.value(dimension(2)) } else { F::zero() };
         let moment = moment.unwrap_or_else(drawn);
         let ray = camera.ray(raster, lens, moment);

@@ -10,6 +10,6 @@ pub mod warp;
 pub use discrete::Discrete;
 pub use grid::{Cell, Grid, Grids, linear};
 pub use measure::{PdfArea, PdfSolidAngle};
-pub(crate) use sampler::mix;
+pub(crate) use sampler::{Plane, mix};
 pub use sampler::{Sampler, SamplerSettings, Stream};
 pub use spherical::{SphericalRectangle, SphericalTriangle};

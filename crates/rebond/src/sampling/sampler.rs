@@ -2,18 +2,26 @@
 //!
 //! Nothing here has state, so any one sample of any pixel can be replayed, by any thread, in any lane, in any order.
 //!
-//! The default is Owen-scrambled Sobol points, padded: every pair of dimensions takes the first two Sobol dimensions
-//! under an index shuffle and a scramble of its own, both by hashing (Burley, "Practical hash-based Owen scrambling",
-//! JCGT 2020), with the permutation of Laine and Karras as improved by Vegdahl (2021). Every run of 2ᵏ samples that
-//! starts at a multiple of 2ᵏ is a (0, m, 2)-net in each pair.
+//! The default is a rank-1 lattice sequence with random shifts (Cranley and Patterson 1976; Hickernell, Hong, L'Ecuyer and
+//! Lemieux, "Extensible lattice sequences for quasi-Monte Carlo quadrature", SIAM J. Sci. Comput. 2000): sample i is φ(i) z +
+//! shift, modulo 1, φ(i) being the bits of i behind the binary point in reverse order. What matters most to a pixel, its
+//! place, the lens, and the light and the direction of the first two bounces, are dimensions of one lattice ([`PLANES`]);
+//! all further dimensions are padded: each has, and each pair has, a lattice of its own under an index shuffle of its own.
+//!
+//! Owen-scrambled Sobol points are padded too: every pair of dimensions takes the first two Sobol dimensions under an
+//! index shuffle and a scramble of its own, both by hashing (Burley, "Practical hash-based Owen scrambling", JCGT 2020),
+//! with the permutation of Laine and Karras as improved by Vegdahl (2021). Every run of 2ᵏ samples that starts at a
+//! multiple of 2ᵏ is a (0, m, 2)-net in each pair.
 
-use rebond_lanes::{Index, Real};
+use rebond_lanes::{Index, Mask, Real};
 use serde::{Deserialize, Serialize};
 
 /// Which sample values to use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum SamplerSettings {
+    /// A rank-1 lattice sequence, randomly shifted.
+    Lattice {},
     /// Owen-scrambled Sobol points, padded in pairs.
     Sobol {},
     /// Independent, uniform.
@@ -28,7 +36,7 @@ pub enum SamplerSettings {
 
 impl Default for SamplerSettings {
     fn default() -> Self {
-        Self::Sobol {}
+        Self::Lattice {}
     }
 }
 
@@ -47,6 +55,68 @@ pub struct Stream<F: Real> {
     pixel_hash: F::Index,
     index: F::Index,
     sampler: Sampler,
+}
+
+/// The generators z of pairs of dimensions that one lattice holds: of the place in the pixel, of the lens, and of the two
+/// pairs of the first and of the second bounce.
+///
+/// Found component by component: each is the odd number below 2¹² for which, over the first 2² to 2¹² points, Σ ln e²
+/// is least, e² being the mean of Π (1 + 0.1 · 2π² (x² − x + 1/6)) over the points less 1 (the squared error P₂ of a
+/// random function with so weighted dimensions), and with it that of the pair alone; then bit by bit up to 2²⁰ points
+/// (Cools, Kuo and Nuyens, "Constructing embedded lattice rules for multivariate integration", SIAM J. Sci. Comput. 2006).
+const PLANES: [[u32; 2]; 6] =
+    [[1, 201_433], [311_997, 468_859], [99_557, 38_371], [651_475, 194_327], [509_263, 921_703], [786_837, 1_028_429]];
+/// Bounces whose pairs are among them, and pairs of each.
+const JOINT_BOUNCES: u32 = 2;
+const PAIRS: u32 = 2;
+/// The generator of a pair that stands alone, by the same measure up to 2²² points.
+const PADDED: [u32; 2] = [1, 2_583_525];
+
+/// Which two dimensions of which lattice a pair of values is.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Plane<F: Real> {
+    generator: [F::Index; 2],
+    /// Of the lattice that the pixel has for all of [`PLANES`].
+    joint: F::Mask,
+}
+
+impl<F: Real> Plane<F> {
+    #[inline(always)]
+    fn joint(place: usize) -> Self {
+        Self { generator: PLANES[place].map(F::Index::splat), joint: F::Mask::splat(true) }
+    }
+
+    /// That of the place in the pixel.
+    #[inline(always)]
+    pub fn pixel() -> Self {
+        Self::joint(0)
+    }
+
+    /// That of the lens.
+    #[inline(always)]
+    pub fn lens() -> Self {
+        Self::joint(1)
+    }
+
+    /// A lattice of its own.
+    #[inline(always)]
+    pub fn padded() -> Self {
+        Self { generator: PADDED.map(F::Index::splat), joint: F::Mask::splat(false) }
+    }
+
+    /// That of a bounce's pair of dimensions that begins at its dimension `n`; the bounces are counted from 0.
+    #[inline(always)]
+    pub fn of_bounce(bounce: F::Index, n: u32) -> Self {
+        let mut plane = Self::padded();
+        if n / 2 < PAIRS {
+            for early in 0..JOINT_BOUNCES {
+                let (here, row) = (bounce.eq(F::Index::splat(early)), PLANES[(2 + early * PAIRS + n / 2) as usize]);
+                plane.generator = [0, 1].map(|i| F::Index::select(here, F::Index::splat(row[i]), plane.generator[i]));
+                plane.joint = plane.joint | here;
+            }
+        }
+        plane
+    }
 }
 
 /// A good mixer of 32 bits (Wellons' `lowbias32`).
@@ -116,6 +186,17 @@ impl Sampler {
         Self { seed: mix(Index1(self.seed) + mix(Index1(salt) + Index1(0x9e37_79b9))).0, ..*self }
     }
 
+    /// The same sampler, but Sobol's points in place of a lattice's: where one sequence covers the picture, as walks of
+    /// light do, rows of a lattice would be seen.
+    #[inline(always)]
+    pub(crate) fn without_rows(&self) -> Self {
+        let settings = match self.settings {
+            SamplerSettings::Lattice {} => SamplerSettings::Sobol {},
+            other => other,
+        };
+        Self { settings, ..*self }
+    }
+
     /// The values of one sample of one pixel.
     #[inline(always)]
     pub fn stream<F: Real>(&self, pixel: F::Index, index: F::Index) -> Stream<F> {
@@ -135,6 +216,7 @@ impl<F: Real> Stream<F> {
     pub fn value(&self, dimension: F::Index) -> F {
         let h = self.hash(dimension);
         match self.sampler.settings {
+            SamplerSettings::Lattice {} => unit(laine_karras(self.index.reverse_bits(), h) + mix(h)),
             SamplerSettings::Sobol {} => {
                 // The van der Corput sequence under an Owen scramble; the shuffle of the index gives each dimension an
                 // order of its own.
@@ -153,9 +235,23 @@ impl<F: Real> Stream<F> {
     /// The values of two dimensions, each in [0, 1), spread well over the square.
     #[inline(always)]
     pub fn pair(&self, dimension: F::Index) -> [F; 2] {
+        self.pair_in(dimension, Plane::padded)
+    }
+
+    /// The same, of this plane of a lattice if it is by a lattice.
+    #[inline(always)]
+    pub(crate) fn pair_in(&self, dimension: F::Index, plane: impl FnOnce() -> Plane<F>) -> [F; 2] {
         let h = self.hash(dimension);
         let below_one = F::splat(ONE_MINUS_EPSILON);
         match self.sampler.settings {
+            SamplerSettings::Lattice {} => {
+                let Plane { generator: [x, y], joint } = plane();
+                let order = F::Index::select(joint, mix(self.pixel_hash), h);
+                // φ(i) of the shuffled index.
+                let point = laine_karras(self.index.reverse_bits(), order);
+                let h2 = mix(h);
+                [unit(point * x + h2), unit(point * y + mix(h2))]
+            }
             SamplerSettings::Sobol {} => {
                 let shuffled = laine_karras(self.index.reverse_bits(), h).reverse_bits();
                 let h2 = mix(h);
@@ -198,8 +294,12 @@ mod tests {
     use super::*;
     use rebond_lanes::{F32x16, scalar::Index1};
 
-    const ALL: [SamplerSettings; 3] =
-        [SamplerSettings::Sobol {}, SamplerSettings::Independent {}, SamplerSettings::Stratified { samples: 64 }];
+    const ALL: [SamplerSettings; 4] = [
+        SamplerSettings::Sobol {},
+        SamplerSettings::Independent {},
+        SamplerSettings::Stratified { samples: 64 },
+        SamplerSettings::Lattice {},
+    ];
 
     fn stream(settings: SamplerSettings, pixel: u32, index: u32) -> Stream<f32> {
         Sampler::new(settings, 7).stream(Index1(pixel), Index1(index))
@@ -258,6 +358,99 @@ mod tests {
                 assert!(!std::mem::replace(&mut seen[cell], true));
             }
         }
+    }
+
+    /// φ(i) z + shift for the numbers i of an aligned run in some order: of both kinds of planes, every run of 2ᵏ samples has
+    /// the points of one lattice, and they are nowhere much nearer to each other than points of the best lattice are.
+    #[test]
+    fn lattices_are_lattices() {
+        let planes: [fn() -> Plane<f32>; 8] = [
+            Plane::padded,
+            Plane::pixel,
+            Plane::lens,
+            || Plane::of_bounce(Index1(0), 1),
+            || Plane::of_bounce(Index1(0), 3),
+            || Plane::of_bounce(Index1(1), 1),
+            || Plane::of_bounce(Index1(1), 3),
+            || Plane::of_bounce(Index1(2), 1),
+        ];
+        let around = |x: f64| x - x.round();
+        for (which, plane) in planes.iter().enumerate() {
+            for (pixel, start, k) in [(0, 0, 4), (5, 64, 6), (999, 1280, 8), (7, 4096, 10)] {
+                let n = 1_u32 << k;
+                let points: Vec<[f64; 2]> = (start..start + n)
+                    .map(|i| stream(ALL[3], pixel, i).pair_in(Index1(6), plane).map(f64::from))
+                    .collect();
+                for axis in 0..2 {
+                    let mut seen = vec![false; n as usize];
+                    for p in &points {
+                        assert!(!std::mem::replace(&mut seen[(p[axis] * f64::from(n)) as usize], true), "{which}");
+                    }
+                }
+                let mut least = f64::INFINITY;
+                for (i, p) in points.iter().enumerate() {
+                    for q in &points[..i] {
+                        let [x, y] = [0, 1].map(|axis| around(p[axis] - q[axis]));
+                        least = least.min(x * x + y * y);
+                        // Sums of points are points: differences are whole steps of 1/n.
+                        let steps = x * f64::from(n);
+                        assert!((steps - steps.round()).abs() < 1e-3, "{which}");
+                    }
+                }
+                // The densest packing of n points in the unit square.
+                let best = 2.0 / 3.0_f64.sqrt() / f64::from(n);
+                assert!((least / best).sqrt() > 0.4, "{which}, {n} points: {}", (least / best).sqrt());
+            }
+        }
+    }
+
+    /// The pixel's place and the light's point of the first bounce are dimensions of one lattice, those of the third are not:
+    /// in the first case one tells the other.
+    #[test]
+    fn early_pairs_share_a_lattice() {
+        let n = 64;
+        let steps = |bounce: u32| -> Vec<u32> {
+            let mut differences: Vec<u32> = (0..n)
+                .map(|i| {
+                    let s = stream(ALL[3], 11, i);
+                    let [x, _] = s.pair_in(Index1(0), Plane::pixel);
+                    let [u, _] = s.pair_in(Index1(4), || Plane::of_bounce(Index1(bounce), 1));
+                    let (z, n) = (f64::from(PLANES[2][0]), f64::from(n));
+                    // u − z x is the same for all points of one lattice, modulo 1.
+                    (((f64::from(u) - z * f64::from(x)).rem_euclid(1.0) * 4.0 * n).round() % (4.0 * n)) as u32
+                })
+                .collect();
+            differences.sort_unstable();
+            differences.dedup();
+            differences
+        };
+        assert_eq!(steps(0).len(), 1, "{:?}", steps(0));
+        assert!(steps(2).len() > 8, "{:?}", steps(2));
+    }
+
+    /// A smooth function of the pixel's place and of a light's point: the error by the lattice falls faster than by
+    /// pairs that know nothing of each other.
+    #[test]
+    fn early_pairs_integrate_four_dimensions() {
+        let f = |x: f64, y: f64| (std::f64::consts::TAU * (x - y)).cos();
+        let error = |settings: SamplerSettings| -> f64 {
+            let squared = |pixel: u32| {
+                let sum: f64 = (0..64)
+                    .map(|i| {
+                        let s = stream(settings, pixel, i);
+                        let [x, _] = s.pair_in(Index1(0), Plane::pixel).map(f64::from);
+                        let [u, _] = s.pair_in(Index1(4), || Plane::of_bounce(Index1(0), 1)).map(f64::from);
+                        f(x, u)
+                    })
+                    .sum();
+                (sum / 64.0).powi(2)
+            };
+            (0..400).map(squared).sum::<f64>() / 400.0
+        };
+        // Independent: 1/(2 · 64).
+        let (lattice, sobol, independent) = (error(ALL[3]), error(ALL[0]), error(ALL[1]));
+        assert!((independent * 128.0 - 1.0).abs() < 0.25, "{independent}");
+        assert!(lattice < 1e-6 && sobol > 1e-3, "{lattice} {sobol}");
     }
 
     #[test]

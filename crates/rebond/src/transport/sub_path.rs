@@ -424,7 +424,7 @@ const FIRST_OF_LIGHT: u32 = 1 << 16;
 /// walks of one sample of all pixels share one sequence, so that together they leave the lights well spread.
 #[inline(always)]
 pub fn light_dimensions<F: Real>(sampler: &Sampler, pixel: F::Index, index: F::Index, number: u32) -> Dimensions<F> {
-    let stream = sampler.stream(index, pixel);
+    let stream = sampler.without_rows().stream(index, pixel);
     Dimensions::new(stream, F::Index::splat(FIRST_OF_LIGHT + number), LIGHT_PER_BOUNCE)
 }
 
