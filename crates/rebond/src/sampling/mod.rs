@@ -2,6 +2,7 @@
 
 mod discrete;
 mod grid;
+mod lattice;
 mod measure;
 mod sampler;
 mod spherical;
@@ -9,7 +10,8 @@ pub mod warp;
 
 pub use discrete::Discrete;
 pub use grid::{Cell, Grid, Grids, linear};
+pub(crate) use lattice::Plane;
 pub use measure::{PdfArea, PdfSolidAngle};
-pub(crate) use sampler::{Plane, mix};
+pub(crate) use sampler::mix;
 pub use sampler::{Sampler, SamplerSettings, Stream};
 pub use spherical::{SphericalRectangle, SphericalTriangle};

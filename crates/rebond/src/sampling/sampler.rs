@@ -5,7 +5,7 @@
 //! The default is a rank-1 lattice sequence with random shifts (Cranley and Patterson 1976; Hickernell, Hong, L'Ecuyer and
 //! Lemieux, "Extensible lattice sequences for quasi-Monte Carlo quadrature", SIAM J. Sci. Comput. 2000): sample i is φ(i) z +
 //! shift, modulo 1, φ(i) being the bits of i behind the binary point in reverse order. What matters most to a pixel, its
-//! place, the lens, and the light and the direction of the first two bounces, are dimensions of one lattice ([`PLANES`]);
+//! place, the lens, and the light and the direction of the first two bounces, are dimensions of one lattice (`lattice.rs`);
 //! all further dimensions are padded: each has, and each pair has, a lattice of its own under an index shuffle of its own.
 //!
 //! Owen-scrambled Sobol points are padded too: every pair of dimensions takes the first two Sobol dimensions under an
@@ -13,7 +13,8 @@
 //! with the permutation of Laine and Karras as improved by Vegdahl (2021). Every run of 2ᵏ samples that starts at a
 //! multiple of 2ᵏ is a (0, m, 2)-net in each pair.
 
-use rebond_lanes::{Index, Mask, Real};
+use super::lattice::Plane;
+use rebond_lanes::{Index, Real};
 use serde::{Deserialize, Serialize};
 
 /// Which sample values to use.
@@ -55,68 +56,6 @@ pub struct Stream<F: Real> {
     pixel_hash: F::Index,
     index: F::Index,
     sampler: Sampler,
-}
-
-/// The generators z of pairs of dimensions that one lattice holds: of the place in the pixel, of the lens, and of the two
-/// pairs of the first and of the second bounce.
-///
-/// Found component by component: each is the odd number below 2¹² for which, over the first 2² to 2¹² points, Σ ln e²
-/// is least, e² being the mean of Π (1 + 0.1 · 2π² (x² − x + 1/6)) over the points less 1 (the squared error P₂ of a
-/// random function with so weighted dimensions), and with it that of the pair alone; then bit by bit up to 2²⁰ points
-/// (Cools, Kuo and Nuyens, "Constructing embedded lattice rules for multivariate integration", SIAM J. Sci. Comput. 2006).
-const PLANES: [[u32; 2]; 6] =
-    [[1, 201_433], [311_997, 468_859], [99_557, 38_371], [651_475, 194_327], [509_263, 921_703], [786_837, 1_028_429]];
-/// Bounces whose pairs are among them, and pairs of each.
-const JOINT_BOUNCES: u32 = 2;
-const PAIRS: u32 = 2;
-/// The generator of a pair that stands alone, by the same measure up to 2²² points.
-const PADDED: [u32; 2] = [1, 2_583_525];
-
-/// Which two dimensions of which lattice a pair of values is.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Plane<F: Real> {
-    generator: [F::Index; 2],
-    /// Of the lattice that the pixel has for all of [`PLANES`].
-    joint: F::Mask,
-}
-
-impl<F: Real> Plane<F> {
-    #[inline(always)]
-    fn joint(place: usize) -> Self {
-        Self { generator: PLANES[place].map(F::Index::splat), joint: F::Mask::splat(true) }
-    }
-
-    /// That of the place in the pixel.
-    #[inline(always)]
-    pub fn pixel() -> Self {
-        Self::joint(0)
-    }
-
-    /// That of the lens.
-    #[inline(always)]
-    pub fn lens() -> Self {
-        Self::joint(1)
-    }
-
-    /// A lattice of its own.
-    #[inline(always)]
-    pub fn padded() -> Self {
-        Self { generator: PADDED.map(F::Index::splat), joint: F::Mask::splat(false) }
-    }
-
-    /// That of a bounce's pair of dimensions that begins at its dimension `n`; the bounces are counted from 0.
-    #[inline(always)]
-    pub fn of_bounce(bounce: F::Index, n: u32) -> Self {
-        let mut plane = Self::padded();
-        if n / 2 < PAIRS {
-            for early in 0..JOINT_BOUNCES {
-                let (here, row) = (bounce.eq(F::Index::splat(early)), PLANES[(2 + early * PAIRS + n / 2) as usize]);
-                plane.generator = [0, 1].map(|i| F::Index::select(here, F::Index::splat(row[i]), plane.generator[i]));
-                plane.joint = plane.joint | here;
-            }
-        }
-        plane
-    }
 }
 
 /// A good mixer of 32 bits (Wellons' `lowbias32`).
@@ -292,6 +231,7 @@ pub const ONE_MINUS_EPSILON: f32 = 1.0 - f32::EPSILON / 2.0;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sampling::lattice::PLANES;
     use rebond_lanes::{F32x16, scalar::Index1};
 
     const ALL: [SamplerSettings; 4] = [
