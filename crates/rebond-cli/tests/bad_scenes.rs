@@ -120,7 +120,7 @@ const KEYS: &[Mistake] = &[
 const TYPES: &[Mistake] = &[
     (r#""thin-lens""#, r#"@"fisheye""#, "valid types: perspective, thin-lens, orthographic"),
     (r#""tent""#, r#"@"lanczos""#, "valid types: box, tent, gaussian, mitchell, blackman-harris"),
-    (r#""sobol""#, r#"@"halton""#, "valid types: lattice, sobol, independent, stratified"),
+    (r#""sobol""#, r#"@"halton""#, "valid types: sobol, lattice, independent, stratified"),
     (r#""path""#, r#"@"pathh""#, r#"did you mean "path"?"#),
     (r#""diffuse""#, r#"@"difuse""#, r#"did you mean "diffuse"?"#),
     (r#""sphere""#, r#"@"shpere""#, r#"did you mean "sphere"?"#),

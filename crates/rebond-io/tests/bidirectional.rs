@@ -70,7 +70,7 @@ fn dragon() {
 fn through_a_lens() {
     let lens = "type = \"thin-lens\"\naperture_radius = 60\nfocus_distance = 1000";
     let source = changed("cornell-spheres", &[("type = \"perspective\"", lens)], [16, 16]);
-    let all = [("path:max_depth=5", 512), ("bidirectional:max_depth=5", 64), ("light:max_depth=5", 512)];
+    let all = [("path:max_depth=5", 128), ("bidirectional:max_depth=5", 64), ("light:max_depth=5", 512)];
     agree_on("lens", &source, &all, 20.0);
 }
 

@@ -213,8 +213,8 @@ fn progressive_agrees_with_path() {
     // Glossy surfaces find direct light by directions, too.
     let metal = "{ type = \"conductor\", metal = \"aluminium\", alpha = 0.2 }";
     let source = changed("cornell-spheres", &[("{ type = \"mirror\", reflectance = 0.95 }", metal)], [16, 16]);
-    let progressive = ("photon:progressive=true,photons=8000,radius=3,max_depth=4", 64);
-    agree_on("a ball of metal", &source, &[("path:max_depth=4", 512), progressive], 4.0);
+    let progressive = ("photon:progressive=true,photons=8000,radius=3,max_depth=4", 32);
+    agree_on("a ball of metal", &source, &[("path:max_depth=4", 128), progressive], 4.0);
 }
 
 /// So does a gather over a fine map.

@@ -146,6 +146,20 @@ mod tests {
         }
     }
 
+    /// From 128 points on no two components are the same or opposite: such dimensions would have the same values but for a
+    /// constant. Fewer points have too few odd numbers for twelve components.
+    #[test]
+    fn components_differ() {
+        for k in 7..=20 {
+            let (n, all) = (1_u32 << k, components());
+            for (i, a) in all.iter().enumerate() {
+                for b in &all[..i] {
+                    assert!((a + b) % n != 0 && a.abs_diff(*b) % n != 0, "{a}, {b}, {n} points");
+                }
+            }
+        }
+    }
+
     /// The points of each plane are nowhere much nearer to each other than those of the densest packing, a triangular one.
     #[test]
     fn points_keep_their_distance() {

@@ -2,16 +2,17 @@
 //!
 //! Nothing here has state, so any one sample of any pixel can be replayed, by any thread, in any lane, in any order.
 //!
-//! The default is a rank-1 lattice sequence with random shifts (Cranley and Patterson 1976; Hickernell, Hong, L'Ecuyer and
-//! Lemieux, "Extensible lattice sequences for quasi-Monte Carlo quadrature", SIAM J. Sci. Comput. 2000): sample i is φ(i) z +
-//! shift, modulo 1, φ(i) being the bits of i behind the binary point in reverse order. What matters most to a pixel, its
-//! place, the lens, and the light and the direction of the first two bounces, are dimensions of one lattice (`lattice.rs`);
-//! all further dimensions are padded: each has, and each pair has, a lattice of its own under an index shuffle of its own.
+//! The default is Owen-scrambled Sobol points, padded: every pair of dimensions takes the first two Sobol dimensions
+//! under an index shuffle and a scramble of its own, both by hashing (Burley, "Practical hash-based Owen scrambling",
+//! JCGT 2020), with the permutation of Laine and Karras as improved by Vegdahl (2021). Every run of 2ᵏ samples that
+//! starts at a multiple of 2ᵏ is a (0, m, 2)-net in each pair.
 //!
-//! Owen-scrambled Sobol points are padded too: every pair of dimensions takes the first two Sobol dimensions under an
-//! index shuffle and a scramble of its own, both by hashing (Burley, "Practical hash-based Owen scrambling", JCGT 2020),
-//! with the permutation of Laine and Karras as improved by Vegdahl (2021). Every run of 2ᵏ samples that starts at a
-//! multiple of 2ᵏ is a (0, m, 2)-net in each pair.
+//! For many samples there is a rank-1 lattice sequence with random shifts (Cranley and Patterson 1976; Hickernell, Hong,
+//! L'Ecuyer and Lemieux, "Extensible lattice sequences for quasi-Monte Carlo quadrature", SIAM J. Sci. Comput. 2000): sample i is
+//! φ(i) z + shift, modulo 1, φ(i) being the bits of i behind the binary point in reverse order. What matters most to a
+//! pixel, its place, the lens, and the light and the direction of the first two bounces of a path, are dimensions of one
+//! lattice (`lattice.rs`); all further dimensions are padded, each pair by a lattice of its own. Fewer than 128 samples of so many
+//! dimensions coincide in some pairs of them.
 
 use super::lattice::Plane;
 use rebond_lanes::{Index, Real};
@@ -21,10 +22,10 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum SamplerSettings {
-    /// A rank-1 lattice sequence, randomly shifted.
-    Lattice {},
     /// Owen-scrambled Sobol points, padded in pairs.
     Sobol {},
+    /// A rank-1 lattice sequence, randomly shifted; for 128 samples and more.
+    Lattice {},
     /// Independent, uniform.
     Independent {},
     /// Jittered strata: each block of `samples` samples (rounded up to a power of two) has one sample in every stratum.
@@ -37,7 +38,7 @@ pub enum SamplerSettings {
 
 impl Default for SamplerSettings {
     fn default() -> Self {
-        Self::Lattice {}
+        Self::Sobol {}
     }
 }
 
@@ -254,11 +255,16 @@ mod tests {
                 let at = |base: u32| lane_number * Index::splat(17) + Index::splat(base);
                 let wide = sampler.stream::<F32x16>(at(pixel), at(index));
                 let (value, pair) = (wide.value(at(dimension)), wide.pair(at(dimension)));
+                let bounces = lane_number & Index::splat(3);
+                let early = wide.pair_in(at(dimension), || Plane::of_bounce(bounces, 1));
                 for lane in 0..16 {
                     let one = |base: u32| Index1(base + 17 * lane as u32);
                     let narrow = sampler.stream::<f32>(one(pixel), one(index));
                     assert_eq!(value.lane(lane), narrow.value(one(dimension)));
                     assert_eq!([pair[0].lane(lane), pair[1].lane(lane)], narrow.pair(one(dimension)));
+                    let plane = || Plane::of_bounce(Index1(lane as u32 & 3), 1);
+                    let early = [early[0].lane(lane), early[1].lane(lane)];
+                    assert_eq!(early, narrow.pair_in(one(dimension), plane));
                 }
             }
         }
@@ -407,17 +413,37 @@ mod tests {
         }
     }
 
+    /// The place in the pixel, and the light's point of the first bounce.
+    fn place_and_light(settings: SamplerSettings, pixel: u32) -> [f32; 4] {
+        let s = stream(settings, pixel, 7);
+        let ([x, y], light) = (s.pair_in(Index1(0), Plane::pixel), || Plane::of_bounce(Index1(0), 1));
+        let [u, v] = s.pair_in(Index1(4), light);
+        [x, y, u, v]
+    }
+
+    #[test]
+    fn only_a_lattice_has_rows() {
+        for settings in ALL {
+            let without = Sampler::new(settings, 7).without_rows().settings;
+            let expected = if settings == ALL[3] { SamplerSettings::Sobol {} } else { settings };
+            assert_eq!(without, expected);
+        }
+    }
+
     /// χ² of the joint distribution of any two values that one path or neighbouring paths use.
     #[test]
     fn dimensions_pixels_and_samples_are_uncorrelated() {
         for settings in ALL {
             // (first, second) value of draw i: across dimensions, across pixels, across seeds of a pair.
             type Draw = fn(SamplerSettings, u32) -> (f32, f32);
-            let draws: [Draw; 4] = [
+            let draws: [Draw; 7] = [
                 |s, i| (stream(s, i, 0).value(Index1(0)), stream(s, i, 0).value(Index1(1))),
                 |s, i| (stream(s, i, 3).pair(Index1(2))[1], stream(s, i + 1, 3).pair(Index1(2))[1]),
                 |s, i| (stream(s, i, 5).pair(Index1(4))[0], stream(s, i, 5).pair(Index1(5))[0]),
                 |s, i| (stream(s, i, 9).pair(Index1(4))[0], stream(s, i, 10).value(Index1(6))),
+                |s, i| stream(s, i, 7).pair_in(Index1(0), Plane::pixel).into(),
+                |s, i| (place_and_light(s, i)[0], place_and_light(s, i)[2]),
+                |s, i| (place_and_light(s, i)[1], place_and_light(s, i)[3]),
             ];
             for (which, draw) in draws.iter().enumerate() {
                 let n = 65_536;
