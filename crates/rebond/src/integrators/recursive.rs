@@ -118,7 +118,7 @@ impl<'a> Recursive<'a> {
             // The samples of one hit are a run of one sequence, so that they are spread well.
             let index = node.sample.wrapping_mul(self.branching).wrapping_add(i);
             let stream = sampler.stream(Index1(node.pixel), Index1(index));
-            let u = Dimensions::new(stream, Index1(node.number), PER_HIT);
+            let u = Dimensions::new(stream, Index1(node.number), PER_HIT).apart();
             let bsdf = scene.bsdf(&surface, || u.value(MIX_CHOICE), true);
 
             // Ld: a point on a light, unless only a sampled direction can find it.

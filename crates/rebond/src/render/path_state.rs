@@ -5,7 +5,7 @@ use super::path_classes::PathClasses;
 use crate::bsdf::BsdfSample;
 use crate::emitter::EmitterSample;
 use crate::math::{Rgb, Vec3, offset_from_surface, vec3};
-use crate::sampling::{Plane, Sampler, Stream};
+use crate::sampling::{Place, Sampler, Stream};
 use crate::scene::{Scene, Surface};
 use rebond_bvh::{Hit, Ray};
 use rebond_lanes::{Index, Mask, Real};
@@ -103,6 +103,11 @@ impl<F: Real> Dimensions<F> {
     pub fn new(stream: Stream<F>, number: F::Index, per_bounce: u32) -> Self {
         Self { stream, number, first: number * F::Index::splat(per_bounce) + F::Index::splat(CAMERA_DIMENSIONS) }
     }
+    /// The same where the samples are not those of the pixel's place, but a run of their own.
+    #[inline(always)]
+    pub fn apart(self) -> Self {
+        Self { number: F::Index::splat(u32::MAX), ..self }
+    }
     /// One value in [0, 1).
     #[inline(always)]
     pub fn value(&self, n: u32) -> F {
@@ -111,7 +116,7 @@ impl<F: Real> Dimensions<F> {
     /// Two values, well spread over the square.
     #[inline(always)]
     pub fn pair(&self, n: u32) -> [F; 2] {
-        self.stream.pair_in(self.first + F::Index::splat(n), || Plane::of_bounce(self.number, n))
+        self.stream.pair_at(self.first + F::Index::splat(n), Place::Bounce(self.number, n))
     }
 }
 
@@ -244,10 +249,10 @@ impl<F: Real> PathState<F> {
     ) -> Self {
         let stream = sampler.stream::<F>(pixel, sample);
         let dimension = |n: u32| F::Index::splat(n);
-        let ([fx, fy], weight) = scene.filter().sample(stream.pair_in(dimension(0), Plane::pixel));
+        let ([fx, fy], weight) = scene.filter().sample(stream.pair_at(dimension(0), Place::Pixel));
         let raster = [F::from_index(x) + 0.5 + fx, F::from_index(y) + 0.5 + fy];
         let camera = scene.camera();
-        let lens = if camera.has_lens() { stream.pair_in(dimension(1), Plane::lens) } else { [F::splat(0.5); 2] };
+        let lens = if camera.has_lens() { stream.pair_at(dimension(1), Place::Lens) } else { [F::splat(0.5); 2] };
         let drawn = || if camera.has_shutter() { stream.value(dimension(2)) } else { F::zero() };
         let moment = moment.unwrap_or_else(drawn);
         let ray = camera.ray(raster, lens, moment);

@@ -1,5 +1,6 @@
 //! The generators of the lattices that sample values are points of.
 
+use super::sampler::{PAIRS, Place};
 use rebond_lanes::{Index, Mask, Real};
 
 /// Those of the pairs of dimensions that one lattice holds: of the place in the pixel, of the lens, and of the two pairs
@@ -12,9 +13,8 @@ use rebond_lanes::{Index, Mask, Real};
 /// one, by e² over the first 2¹³ to 2²⁰ points.
 pub(super) const PLANES: [[u32; 2]; 6] =
     [[1, 201_433], [311_997, 468_859], [99_557, 38_371], [651_475, 194_327], [509_263, 921_703], [786_837, 1_028_429]];
-/// Bounces whose pairs are among them, and pairs of each.
+/// Bounces whose pairs are among them.
 const JOINT_BOUNCES: u32 = 2;
-const PAIRS: u32 = 2;
 /// That of a pair that stands alone.
 const PADDED: [u32; 2] = [1, 2_583_525];
 
@@ -27,42 +27,24 @@ pub(crate) struct Plane<F: Real> {
 }
 
 impl<F: Real> Plane<F> {
+    /// That of a place.
     #[inline(always)]
-    fn joint(place: usize) -> Self {
-        Self { generator: PLANES[place].map(F::Index::splat), joint: F::Mask::splat(true) }
-    }
-
-    /// That of the place in the pixel.
-    #[inline(always)]
-    pub fn pixel() -> Self {
-        Self::joint(0)
-    }
-
-    /// That of the lens.
-    #[inline(always)]
-    pub fn lens() -> Self {
-        Self::joint(1)
-    }
-
-    /// A lattice of its own.
-    #[inline(always)]
-    pub fn padded() -> Self {
-        Self { generator: PADDED.map(F::Index::splat), joint: F::Mask::splat(false) }
-    }
-
-    /// That of dimension `n` of a bounce; the bounces are counted from 0. Of the dimensions 0 and 1, and of 2 and 3, only one may be
-    /// the place of a pair.
-    #[inline(always)]
-    pub fn of_bounce(bounce: F::Index, n: u32) -> Self {
-        let mut plane = Self::padded();
-        if n / 2 < PAIRS {
-            for early in 0..JOINT_BOUNCES {
-                let (here, row) = (bounce.eq(F::Index::splat(early)), PLANES[(2 + early * PAIRS + n / 2) as usize]);
-                plane.generator = [0, 1].map(|i| F::Index::select(here, F::Index::splat(row[i]), plane.generator[i]));
-                plane.joint = plane.joint | here;
+    pub fn of(place: Place<F>) -> Self {
+        let joint = |row: usize| Self { generator: PLANES[row].map(F::Index::splat), joint: F::Mask::splat(true) };
+        let mut plane = Self { generator: PADDED.map(F::Index::splat), joint: F::Mask::splat(false) };
+        match place {
+            Place::Pixel => joint(0),
+            Place::Lens => joint(1),
+            Place::Bounce(number, n) if n / 2 < PAIRS => {
+                for early in 0..JOINT_BOUNCES {
+                    let (here, row) = (number.eq(F::Index::splat(early)), PLANES[(2 + early * PAIRS + n / 2) as usize]);
+                    let select = |i: usize| F::Index::select(here, F::Index::splat(row[i]), plane.generator[i]);
+                    plane = Self { generator: [select(0), select(1)], joint: plane.joint | here };
+                }
+                plane
             }
+            _ => plane,
         }
-        plane
     }
 }
 

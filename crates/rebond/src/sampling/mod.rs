@@ -4,14 +4,14 @@ mod discrete;
 mod grid;
 mod lattice;
 mod measure;
+mod order;
 mod sampler;
 mod spherical;
 pub mod warp;
 
 pub use discrete::Discrete;
 pub use grid::{Cell, Grid, Grids, linear};
-pub(crate) use lattice::Plane;
 pub use measure::{PdfArea, PdfSolidAngle};
-pub(crate) use sampler::mix;
+pub(crate) use sampler::{Place, mix};
 pub use sampler::{Sampler, SamplerSettings, Stream};
 pub use spherical::{SphericalRectangle, SphericalTriangle};

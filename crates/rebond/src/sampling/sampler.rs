@@ -5,7 +5,8 @@
 //! The default is Owen-scrambled Sobol points, padded: every pair of dimensions takes the first two Sobol dimensions
 //! under an index shuffle and a scramble of its own, both by hashing (Burley, "Practical hash-based Owen scrambling",
 //! JCGT 2020), with the permutation of Laine and Karras as improved by Vegdahl (2021). Every run of 2ᵏ samples that
-//! starts at a multiple of 2ᵏ is a (0, m, 2)-net in each pair.
+//! starts at a multiple of 2ᵏ is a (0, m, 2)-net in each pair. Only the place in the pixel and the pairs of the first two
+//! bounces of a path are not shuffled at random, but take the points in orders that make them good together (`order.rs`).
 //!
 //! For many samples there is a rank-1 lattice sequence with random shifts (Cranley and Patterson 1976; Hickernell, Hong,
 //! L'Ecuyer and Lemieux, "Extensible lattice sequences for quasi-Monte Carlo quadrature", SIAM J. Sci. Comput. 2000): sample i is
@@ -15,6 +16,7 @@
 //! dimensions coincide in some pairs of them.
 
 use super::lattice::Plane;
+use super::order;
 use rebond_lanes::{Index, Real};
 use serde::{Deserialize, Serialize};
 
@@ -59,6 +61,23 @@ pub struct Stream<F: Real> {
     sampler: Sampler,
 }
 
+/// What a pair of values of a path is for.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Place<F: Real> {
+    /// The place in the pixel.
+    Pixel,
+    /// That on the lens.
+    Lens,
+    /// Dimension n of a bounce; bounces are counted from 0. Of the dimensions 0 and 1 only one may be a pair's, and of 2 and 3: light's
+    /// and the direction's.
+    Bounce(F::Index, u32),
+    /// Something else.
+    Anywhere,
+}
+
+/// Pairs of a bounce that go together with the pixel's place.
+pub(super) const PAIRS: u32 = 2;
+
 /// A good mixer of 32 bits (Wellons' `lowbias32`).
 #[inline(always)]
 pub(crate) fn mix<I: Index>(x: I) -> I {
@@ -80,7 +99,7 @@ fn laine_karras<I: Index>(x: I, seed: I) -> I {
 /// The second Sobol dimension with its bits reversed: bit j is the sum of the bits k ⊇ j (Pascal's matrix modulo 2, by
 /// Lucas' theorem), one step per bit of the positions.
 #[inline(always)]
-fn sobol_second_reversed<I: Index>(index: I) -> I {
+pub(super) fn sobol_second_reversed<I: Index>(index: I) -> I {
     let mut x = index;
     for (shift, without) in [(1, 0x5555_5555), (2, 0x3333_3333), (4, 0x0f0f_0f0f), (8, 0x00ff_00ff), (16, 0x0000_ffff)]
     {
@@ -175,17 +194,17 @@ impl<F: Real> Stream<F> {
     /// The values of two dimensions, each in [0, 1), spread well over the square.
     #[inline(always)]
     pub fn pair(&self, dimension: F::Index) -> [F; 2] {
-        self.pair_in(dimension, Plane::padded)
+        self.pair_at(dimension, Place::Anywhere)
     }
 
-    /// The same, of this plane of a lattice if it is by a lattice.
+    /// The same, at this place of a path.
     #[inline(always)]
-    pub(crate) fn pair_in(&self, dimension: F::Index, plane: impl FnOnce() -> Plane<F>) -> [F; 2] {
+    pub(crate) fn pair_at(&self, dimension: F::Index, place: Place<F>) -> [F; 2] {
         let h = self.hash(dimension);
         let below_one = F::splat(ONE_MINUS_EPSILON);
         match self.sampler.settings {
             SamplerSettings::Lattice {} => {
-                let Plane { generator: [x, y], joint } = plane();
+                let Plane { generator: [x, y], joint } = Plane::of(place);
                 let order = F::Index::select(joint, mix(self.pixel_hash), h);
                 // φ(i) of the shuffled index.
                 let point = laine_karras(self.index.reverse_bits(), order);
@@ -193,10 +212,18 @@ impl<F: Real> Stream<F> {
                 [unit(point * x + h2), unit(point * y + mix(h2))]
             }
             SamplerSettings::Sobol {} => {
-                let shuffled = laine_karras(self.index.reverse_bits(), h).reverse_bits();
+                let shuffled = || laine_karras(self.index.reverse_bits(), h).reverse_bits();
+                let point = match place {
+                    Place::Pixel => self.index,
+                    Place::Bounce(number, n) if n / 2 < PAIRS => {
+                        let (point, early) = order::of_bounce::<F>(self.index, number);
+                        F::Index::select(early, point, shuffled())
+                    }
+                    _ => shuffled(),
+                };
                 let h2 = mix(h);
-                let x = laine_karras(shuffled, h2).reverse_bits();
-                let y = laine_karras(sobol_second_reversed(shuffled), mix(h2)).reverse_bits();
+                let x = laine_karras(point, h2).reverse_bits();
+                let y = laine_karras(sobol_second_reversed(point), mix(h2)).reverse_bits();
                 [unit(x), unit(y)]
             }
             SamplerSettings::Independent {} => {
@@ -233,6 +260,7 @@ pub const ONE_MINUS_EPSILON: f32 = 1.0 - f32::EPSILON / 2.0;
 mod tests {
     use super::*;
     use crate::sampling::lattice::PLANES;
+    use crate::testing::random_pairs;
     use rebond_lanes::{F32x16, scalar::Index1};
 
     const ALL: [SamplerSettings; 4] = [
@@ -256,15 +284,15 @@ mod tests {
                 let wide = sampler.stream::<F32x16>(at(pixel), at(index));
                 let (value, pair) = (wide.value(at(dimension)), wide.pair(at(dimension)));
                 let bounces = lane_number & Index::splat(3);
-                let early = wide.pair_in(at(dimension), || Plane::of_bounce(bounces, 1));
+                let early = wide.pair_at(at(dimension), Place::Bounce(bounces, 1));
                 for lane in 0..16 {
                     let one = |base: u32| Index1(base + 17 * lane as u32);
                     let narrow = sampler.stream::<f32>(one(pixel), one(index));
                     assert_eq!(value.lane(lane), narrow.value(one(dimension)));
                     assert_eq!([pair[0].lane(lane), pair[1].lane(lane)], narrow.pair(one(dimension)));
-                    let plane = || Plane::of_bounce(Index1(lane as u32 & 3), 1);
+                    let place = Place::Bounce(Index1(lane as u32 & 3), 1);
                     let early = [early[0].lane(lane), early[1].lane(lane)];
-                    assert_eq!(early, narrow.pair_in(one(dimension), plane));
+                    assert_eq!(early, narrow.pair_at(one(dimension), place));
                 }
             }
         }
@@ -287,9 +315,13 @@ mod tests {
     /// Each aligned run of 64 samples has one point in every elementary interval of volume 1/64.
     #[test]
     fn sobol_pairs_are_nets() {
-        for (pixel, start, dimension) in [(0, 0, 0), (5, 64, 1), (999, 640, 6)] {
+        let places =
+            [Place::Anywhere, Place::Pixel, Place::Lens, Place::Bounce(Index1(0), 1), Place::Bounce(Index1(1), 3)];
+        for ((pixel, start, dimension), place) in
+            [(0, 0, 0), (5, 64, 1), (999, 640, 6), (8, 1984, 0), (7, 64, 3)].into_iter().zip(places)
+        {
             let points: Vec<[f32; 2]> =
-                (start..start + 64).map(|i| stream(ALL[0], pixel, i).pair(Index1(dimension))).collect();
+                (start..start + 64).map(|i| stream(ALL[0], pixel, i).pair_at(Index1(dimension), place)).collect();
             for columns in 0..=6 {
                 let (nx, ny) = (1 << columns, 64 >> columns);
                 let mut seen = [false; 64];
@@ -310,22 +342,23 @@ mod tests {
     /// the points of one lattice, and they are nowhere much nearer to each other than points of the best lattice are.
     #[test]
     fn lattices_are_lattices() {
-        let planes: [fn() -> Plane<f32>; 8] = [
-            Plane::padded,
-            Plane::pixel,
-            Plane::lens,
-            || Plane::of_bounce(Index1(0), 1),
-            || Plane::of_bounce(Index1(0), 3),
-            || Plane::of_bounce(Index1(1), 1),
-            || Plane::of_bounce(Index1(1), 3),
-            || Plane::of_bounce(Index1(2), 1),
+        let bounce = |number: u32, n: u32| Place::Bounce(Index1(number), n);
+        let places: [Place<f32>; 8] = [
+            Place::Anywhere,
+            Place::Pixel,
+            Place::Lens,
+            bounce(0, 1),
+            bounce(0, 3),
+            bounce(1, 1),
+            bounce(1, 3),
+            bounce(2, 1),
         ];
         let around = |x: f64| x - x.round();
-        for (which, plane) in planes.iter().enumerate() {
+        for (which, place) in places.into_iter().enumerate() {
             for (pixel, start, k) in [(0, 0, 4), (5, 64, 6), (999, 1280, 8), (7, 4096, 10)] {
                 let n = 1_u32 << k;
                 let points: Vec<[f64; 2]> = (start..start + n)
-                    .map(|i| stream(ALL[3], pixel, i).pair_in(Index1(6), plane).map(f64::from))
+                    .map(|i| stream(ALL[3], pixel, i).pair_at(Index1(6), place).map(f64::from))
                     .collect();
                 for axis in 0..2 {
                     let mut seen = vec![false; n as usize];
@@ -359,8 +392,8 @@ mod tests {
             let mut differences: Vec<u32> = (0..n)
                 .map(|i| {
                     let s = stream(ALL[3], 11, i);
-                    let [x, _] = s.pair_in(Index1(0), Plane::pixel);
-                    let [u, _] = s.pair_in(Index1(4), || Plane::of_bounce(Index1(bounce), 1));
+                    let [x, _] = s.pair_at(Index1(0), Place::Pixel);
+                    let [u, _] = s.pair_at(Index1(4), Place::Bounce(Index1(bounce), 1));
                     let (z, n) = (f64::from(PLANES[2][0]), f64::from(n));
                     // u − z x is the same for all points of one lattice, modulo 1.
                     (((f64::from(u) - z * f64::from(x)).rem_euclid(1.0) * 4.0 * n).round() % (4.0 * n)) as u32
@@ -374,29 +407,46 @@ mod tests {
         assert!(steps(2).len() > 8, "{:?}", steps(2));
     }
 
-    /// A smooth function of the pixel's place and of a light's point: the error by the lattice falls faster than by
-    /// pairs that know nothing of each other.
+    /// Edges across the pixel's place and the light's point or a direction: orders that are chosen have less variance than
+    /// such as are drawn.
     #[test]
-    fn early_pairs_integrate_four_dimensions() {
-        let f = |x: f64, y: f64| (std::f64::consts::TAU * (x - y)).cos();
-        let error = |settings: SamplerSettings| -> f64 {
-            let squared = |pixel: u32| {
-                let sum: f64 = (0..64)
-                    .map(|i| {
-                        let s = stream(settings, pixel, i);
-                        let [x, _] = s.pair_in(Index1(0), Plane::pixel).map(f64::from);
-                        let [u, _] = s.pair_in(Index1(4), || Plane::of_bounce(Index1(0), 1)).map(f64::from);
-                        f(x, u)
-                    })
-                    .sum();
-                (sum / 64.0).powi(2)
-            };
-            (0..400).map(squared).sum::<f64>() / 400.0
+    fn early_pairs_go_together() {
+        let edges: Vec<[f64; 5]> = random_pairs(5 * 40)
+            .collect::<Vec<_>>()
+            .chunks(5)
+            .map(|u| {
+                let a: Vec<f64> = u[..4].iter().map(|u| f64::from(u[0]) - 0.5).collect();
+                let at: f64 = a.iter().zip(u).map(|(a, u)| a * f64::from(u[1])).sum();
+                [a[0], a[1], a[2], a[3], at]
+            })
+            .collect();
+        let variance = |settings: SamplerSettings, places: [Place<f32>; 2]| -> f64 {
+            let n = 64;
+            let mut sums = vec![(0.0, 0.0); edges.len()];
+            for pixel in 0..200 {
+                let mut below = vec![0; edges.len()];
+                for i in 0..n {
+                    let s = stream(settings, pixel, i);
+                    let [[x, y], [u, v]] = [0, 1].map(|k| s.pair_at(Index1(9 * k as u32), places[k]).map(f64::from));
+                    for ([a, b, c, d, at], below) in edges.iter().zip(&mut below) {
+                        *below += u32::from(a * x + b * y + c * u + d * v < *at);
+                    }
+                }
+                for ((sum, squares), below) in sums.iter_mut().zip(below) {
+                    let mean = f64::from(below) / f64::from(n);
+                    *sum += mean / 200.0;
+                    *squares += mean * mean / 200.0;
+                }
+            }
+            sums.iter().map(|(sum, squares)| squares - sum * sum).sum::<f64>() / edges.len() as f64
         };
-        // Independent: 1/(2 · 64).
-        let (lattice, sobol, independent) = (error(ALL[3]), error(ALL[0]), error(ALL[1]));
-        assert!((independent * 128.0 - 1.0).abs() < 0.25, "{independent}");
-        assert!(lattice < 1e-6 && sobol > 1e-3, "{lattice} {sobol}");
+        let padded = variance(ALL[0], [Place::Anywhere; 2]);
+        let mut cases = vec![(ALL[3], 0, 1), (ALL[3], 0, 3)];
+        cases.extend([(0, 1), (0, 3), (1, 1), (1, 3)].map(|(bounce, n)| (ALL[0], bounce, n)));
+        for (settings, bounce, n) in cases {
+            let ratio = variance(settings, [Place::Pixel, Place::Bounce(Index1(bounce), n)]) / padded;
+            assert!(ratio < 0.8, "{settings:?}, bounce {bounce}, dimension {n}: {ratio}");
+        }
     }
 
     #[test]
@@ -416,8 +466,8 @@ mod tests {
     /// The place in the pixel, and the light's point of the first bounce.
     fn place_and_light(settings: SamplerSettings, pixel: u32) -> [f32; 4] {
         let s = stream(settings, pixel, 7);
-        let ([x, y], light) = (s.pair_in(Index1(0), Plane::pixel), || Plane::of_bounce(Index1(0), 1));
-        let [u, v] = s.pair_in(Index1(4), light);
+        let [x, y] = s.pair_at(Index1(0), Place::Pixel);
+        let [u, v] = s.pair_at(Index1(4), Place::Bounce(Index1(0), 1));
         [x, y, u, v]
     }
 
@@ -441,7 +491,7 @@ mod tests {
                 |s, i| (stream(s, i, 3).pair(Index1(2))[1], stream(s, i + 1, 3).pair(Index1(2))[1]),
                 |s, i| (stream(s, i, 5).pair(Index1(4))[0], stream(s, i, 5).pair(Index1(5))[0]),
                 |s, i| (stream(s, i, 9).pair(Index1(4))[0], stream(s, i, 10).value(Index1(6))),
-                |s, i| stream(s, i, 7).pair_in(Index1(0), Plane::pixel).into(),
+                |s, i| stream(s, i, 7).pair_at(Index1(0), Place::Pixel).into(),
                 |s, i| (place_and_light(s, i)[0], place_and_light(s, i)[2]),
                 |s, i| (place_and_light(s, i)[1], place_and_light(s, i)[3]),
             ];

@@ -282,7 +282,7 @@ impl<'a> PhotonMapping<'a> {
             let stream = work.sampler.stream(Index1(s.pixel), Index1(index));
             let (mut path, mut vertex, mut first) = (*start, *at, true);
             loop {
-                let u = Dimensions::new(stream, Index1(path.segments - 1), PER_BOUNCE);
+                let u = Dimensions::new(stream, Index1(path.segments - 1), PER_BOUNCE).apart();
                 sum += ask_light(self.scene, &path, &vertex, &u, true, true, &mut work.rays);
                 if !first {
                     sum += self.caustics(maps, &path, &vertex, work);
@@ -316,7 +316,7 @@ impl<'a> PhotonMapping<'a> {
     ) -> (Rgb<f32>, Option<(Vertex<'a>, f32)>) {
         let (mut light, mut distance, mut direct) = (Rgb::black(), 0.0, true);
         loop {
-            let u = Dimensions::new(stream, Index1(path.segments - 1), PER_BOUNCE);
+            let u = Dimensions::new(stream, Index1(path.segments - 1), PER_BOUNCE).apart();
             rays.add(path.segments, 1);
             let hit = self.scene.intersect(&path.ray, true, false);
             let found = is_hit(&hit);
