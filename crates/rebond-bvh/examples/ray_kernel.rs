@@ -567,24 +567,23 @@ fn builds(scene: &Scene, library: Option<&embree::Library>, only: Option<&String
     type Build<'a> = Box<dyn Fn() -> (f64, f64) + 'a>;
     let mut all: Vec<(String, Build)> = Vec::new();
     for threads in [1, 2] {
-        for (name, quality) in [("embree medium", 1), ("embree high", 2)] {
+        let wanted = |name: &str| only.is_none_or(|only| only == name || *only == format!("{name} {threads}"));
+        for (name, quality) in [("embree medium", 1), ("embree high", 2)].into_iter().filter(|(name, _)| wanted(name)) {
             if let Some(library) = library {
                 let build = move || library.build(&scene.geometry, quality, false, threads).seconds;
                 all.push((format!("{name} {threads}"), Box::new(build)));
             }
         }
-        for (name, preset) in PRESETS.into_iter().filter(|(name, _)| only.is_none_or(|only| only == name)) {
+        for (name, preset) in PRESETS.into_iter().filter(|(name, _)| wanted(name)) {
             all.push((format!("{name} {threads}"), Box::new(move || build(&scene.geometry, preset, threads).1)));
         }
     }
     let mut seconds = vec![(Vec::new(), Vec::new()); all.len()];
-    for round in 0..=repeat {
+    for _ in 0..repeat {
         for ((_, build), seconds) in all.iter().zip(&mut seconds) {
             let (clock, processor) = build();
-            if round > 0 {
-                seconds.0.push(clock);
-                seconds.1.push(processor);
-            }
+            seconds.0.push(clock);
+            seconds.1.push(processor);
         }
     }
     println!("  {:16} {:>17} {:>21}   seconds: median and least", "", "clock", "processor");

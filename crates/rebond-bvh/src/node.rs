@@ -4,7 +4,7 @@ use crate::ray::SingleRay;
 use crate::simd::{Lanes, Simd};
 
 /// Eight children; 256 bytes, four cache lines.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, bytemuck::Zeroable)]
 #[repr(C, align(64))]
 pub(crate) struct Node {
     /// Lower x, upper x, lower y, upper y, lower z, upper z of every child; an unused child has lower = +∞ and
@@ -58,7 +58,7 @@ impl Node {
 pub(crate) const ONE_PLUS: f32 = 1.0 + 8.0 * f32::EPSILON;
 
 /// What a slot of a node refers to: another node, up to four blocks of triangles, or one other shape.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, bytemuck::Zeroable)]
 #[repr(transparent)]
 pub(crate) struct Child(pub u32);
 
@@ -116,14 +116,6 @@ impl Child {
     pub fn next_block(self) -> Self {
         Self(self.0.wrapping_sub((1 << BLOCK_BITS) - 1))
     }
-    /// The same child after its tree's arrays were moved behind others.
-    pub fn moved(self, nodes: u32, blocks: u32, shapes: u32) -> Self {
-        match self.target() {
-            Target::Node(index) => Self::node(index + nodes),
-            Target::Blocks { first, count } => Self::blocks(first + blocks, count),
-            Target::Shape(index) => Self::shape(index + shapes),
-        }
-    }
 }
 
 #[cfg(test)]
@@ -136,7 +128,7 @@ mod tests {
         assert_eq!(Child::blocks(9, 4).target(), Target::Blocks { first: 9, count: 4 });
         assert_eq!(Child::blocks((1 << 28) - 1, 1).target(), Target::Blocks { first: (1 << 28) - 1, count: 1 });
         assert_eq!(Child::blocks(9, 4).next_block(), Child::blocks(10, 3));
-        assert_eq!(Child::shape(3).moved(5, 6, 7).target(), Target::Shape(10));
+        assert_eq!(Child::shape(3).target(), Target::Shape(3));
         assert_eq!(size_of::<Node>(), 256);
     }
 }

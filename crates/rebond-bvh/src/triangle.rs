@@ -12,7 +12,7 @@ use crate::ray::{Best, SingleRay};
 use crate::simd::{Lanes, Simd};
 
 /// Up to four triangles; unused places repeat the last one.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, bytemuck::Zeroable)]
 #[repr(C, align(32))]
 pub(crate) struct Block {
     /// First corner of the four, second corner of the four; along x, y, z.

@@ -39,11 +39,7 @@ pub(crate) fn build(references: &mut [Reference], shape: Shape) -> Vec<Binary> {
         .par_chunks(PARALLEL_BINS / 8)
         .map(enclose)
         .reduce(|| (Bounds::EMPTY, Bounds::EMPTY), |a, b| (a.0.or(&b.0), a.1.or(&b.1)));
-    let mut other = references.to_vec();
-    let all = Piece { here: references, other: &mut other, moved: false, first: 0, bounds, centers, depth: 0 };
-    let part = all.part(shape);
-    drop(other);
-    part.into_nodes()
+    Piece { references, first: 0, bounds, centers, depth: 0 }.part(shape).into_nodes()
 }
 
 /// The box of the references and that of their centres.
@@ -51,14 +47,9 @@ pub(crate) fn enclose(references: &[Reference]) -> (Bounds, Bounds) {
     references.iter().fold((Bounds::EMPTY, Bounds::EMPTY), |(b, c), r| (b.or(&r.bounds), c.or(&r.bounds.center2_box())))
 }
 
-/// Some references on their way down the tree. A split moves them from one array to the same places of the other.
+/// Some references on their way down the tree.
 struct Piece<'a> {
-    /// Where they are.
-    here: &'a mut [Reference],
-    /// Where they go next.
-    other: &'a mut [Reference],
-    /// Whether `other` is the array in which they are to end.
-    moved: bool,
+    references: &'a mut [Reference],
     /// The place of the first.
     first: u32,
     bounds: Bounds,
@@ -76,8 +67,8 @@ enum Part {
 impl Piece<'_> {
     /// Built by several threads as far as that pays.
     fn part(self, shape: Shape) -> Part {
-        if self.here.len() <= PARALLEL {
-            let most = 2 * self.here.len();
+        if self.references.len() <= PARALLEL {
+            let most = 2 * self.references.len();
             let mut nodes = Vec::with_capacity(if shape.leaf == 1 { most } else { most / 3 });
             self.subtree(shape, &mut nodes);
             return Part::Subtree(nodes);
@@ -88,11 +79,8 @@ impl Piece<'_> {
     }
 
     fn subtree(self, shape: Shape, nodes: &mut Vec<Binary>) {
-        let n = self.here.len();
+        let n = self.references.len();
         if n <= shape.leaf {
-            if self.moved {
-                self.other.copy_from_slice(self.here);
-            }
             nodes.push(Binary::leaf(&self.bounds, self.first, n as u32));
             return;
         }
@@ -105,38 +93,25 @@ impl Piece<'_> {
     }
 
     fn split(self, shape: Shape) -> (Self, Self) {
-        let Self { here, other, moved, first, centers, depth, .. } = self;
-        let n = here.len();
-        let mut swapped = false;
+        let Self { references, first, centers, depth, .. } = self;
+        let n = references.len();
         let (middle, left, right) = if n == 2 {
             let side = |r: &Reference| (r.bounds, r.bounds.center2_box());
-            (1, side(&here[0]), side(&here[1]))
+            (1, side(&references[0]), side(&references[1]))
         } else if shape.balanced || depth > DEEP {
-            halve(here, &centers)
+            halve(references, &centers)
         } else if n <= SWEEP {
-            sweep(here, &centers)
+            sweep(references, &centers)
         } else {
-            match best_split(here, &centers, shape.coarse) {
-                Some(split) => {
-                    swapped = true;
-                    split.partition(here, other)
-                }
-                None => halve(here, &centers),
+            match best_split(references, &centers, shape.coarse) {
+                Some(split) => split.partition(references),
+                None => halve(references, &centers),
             }
         };
-        let (here, other, moved) = if swapped { (other, here, !moved) } else { (here, other, moved) };
-        let (here_left, here_right) = here.split_at_mut(middle);
-        let (other_left, other_right) = other.split_at_mut(middle);
-        let piece = |here, other, first, (bounds, centers)| Self {
-            here,
-            other,
-            moved,
-            first,
-            bounds,
-            centers,
-            depth: depth + 1,
-        };
-        (piece(here_left, other_left, first, left), piece(here_right, other_right, first + middle as u32, right))
+        let (here, there) = references.split_at_mut(middle);
+        let piece =
+            |references, first, (bounds, centers)| Self { references, first, bounds, centers, depth: depth + 1 };
+        (piece(here, first, left), piece(there, first + middle as u32, right))
     }
 }
 
@@ -384,21 +359,21 @@ impl<const N: usize> Bins<N> {
 }
 
 impl Split {
-    /// Copies the left side's references to the front of `to` and the right side's behind them.
-    pub fn partition(&self, from: &[Reference], to: &mut [Reference]) -> Halves {
-        if self.sampled { self.move_all::<true>(from, to) } else { self.move_all::<false>(from, to) }
+    /// Moves the left side's references before the right side's.
+    pub fn partition(&self, references: &mut [Reference]) -> Halves {
+        if self.sampled { self.move_all::<true>(references) } else { self.move_all::<false>(references) }
     }
 
     #[inline(always)]
-    fn move_all<const SAMPLED: bool>(&self, from: &[Reference], to: &mut [Reference]) -> Halves {
-        let n = from.len();
-        let to = &mut to[..n];
+    fn move_all<const SAMPLED: bool>(&self, references: &mut [Reference]) -> Halves {
         let first_right = self.bin as u32 + ROUND.to_bits();
         let mut middle = 0;
         let (mut left, mut right) = (Bounds::EMPTY, Bounds::EMPTY);
         let mut sides = if SAMPLED { [Bounds::EMPTY; 2] } else { self.sides };
-        for (i, r) in from.iter().enumerate() {
-            // Without a branch, which would be mispredicted half of the time: written to both places, kept in one.
+        for i in 0..references.len() {
+            // Without a branch, which would be mispredicted half of the time: the right side's first changes places
+            // with this one, whichever side this one is of.
+            let r = references[i];
             let is_left = self.grid.place(r.bounds.center2(self.axis), self.axis) < first_right;
             let center = r.bounds.center2_box();
             left = left.or(&center.or_empty(is_left));
@@ -406,8 +381,8 @@ impl Split {
             if SAMPLED {
                 sides = [sides[0].or(&r.bounds.or_empty(is_left)), sides[1].or(&r.bounds.or_empty(!is_left))];
             }
-            to[middle] = *r;
-            to[n - 1 - (i - middle)] = *r;
+            references[i] = references[middle];
+            references[middle] = r;
             middle += usize::from(is_left);
         }
         (middle, (sides[0], left), (sides[1], right))

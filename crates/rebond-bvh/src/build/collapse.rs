@@ -56,76 +56,63 @@ pub(crate) struct Wide {
     pub shapes: Vec<Shape>,
 }
 
-/// `nodes` has its root first and children behind parents. It and the plans are dropped before the parts are put together, when most
-/// memory is in use.
+/// `nodes` has its root first and children behind parents.
 pub(crate) fn collapse(
-    nodes: Vec<Binary>,
+    nodes: &[Binary],
     references: &[Reference],
     primitives: &impl Primitives,
-    plans: Vec<Plan>,
+    plans: &[Plan],
 ) -> (Wide, Child) {
-    let part = Emitter { nodes: &nodes, references, primitives, plans: &plans }.part(0);
-    drop((nodes, plans));
-    if let Part::Subtree(wide, root) = part {
-        return (wide, root);
-    }
-    let [nodes, blocks, shapes] = part.len();
+    let emitter = Emitter { nodes, references, primitives, plans };
+    let part = emitter.measure(0);
+    let [n, b, s] = part.size;
+    // In place from the start: the arrays are what takes most memory, and are not there twice.
     let mut wide = Wide {
-        nodes: Vec::with_capacity(nodes),
-        blocks: Vec::with_capacity(blocks),
-        shapes: Vec::with_capacity(shapes),
+        nodes: bytemuck::allocation::zeroed_vec(n),
+        blocks: bytemuck::allocation::zeroed_vec(b),
+        shapes: vec![Shape::Instance(0); s],
     };
-    let root = part.put(&mut wide);
+    let all = Places { nodes: &mut wide.nodes, blocks: &mut wide.blocks, shapes: &mut wide.shapes, first: [0; 3] };
+    let root = emitter.part(&part, all);
     (wide, root)
 }
 
 /// The best plan for every node, and what the whole tree costs.
 pub(crate) fn plan(nodes: &[Binary], references: &[Reference], primitives: &impl Primitives) -> (Vec<Plan>, f32) {
     let mut plans: Vec<Plan> = bytemuck::allocation::zeroed_vec(nodes.len());
-    let mut costs: Vec<Costs> = bytemuck::allocation::zeroed_vec(nodes.len());
-    plan_subtree(nodes, 0, (&mut plans, &mut costs), references, primitives);
-    (plans, costs[0][0])
+    let costs = plan_subtree(nodes, 0, &mut plans, references, primitives);
+    (plans, costs[0])
 }
 
-/// The same for the subtree that `nodes` hold, the first of which has the number `base`: children lie behind their
-/// parents, all of the left side's before the right side's.
+/// The same for the subtree that `nodes` hold, the first of which has the number `base`: the left side's lie behind it,
+/// and the right side's behind those.
 fn plan_subtree(
     nodes: &[Binary],
     base: u32,
-    (plans, costs): (&mut [Plan], &mut [Costs]),
+    plans: &mut [Plan],
     references: &[Reference],
     primitives: &impl Primitives,
-) {
+) -> Costs {
     let root = &nodes[0];
-    let mut planned = nodes.len();
-    if nodes.len() > PARALLEL_PLAN && root.count().is_none() {
-        let (left, right) = ((root.left - base) as usize, (root.right - base) as usize);
-        let (head, tail) = plans.split_at_mut(right);
-        let (head_costs, tail_costs) = costs.split_at_mut(right);
-        let head = (&mut head[left..], &mut head_costs[left..]);
-        rayon::join(
-            || plan_subtree(&nodes[left..right], root.left, head, references, primitives),
-            || plan_subtree(&nodes[right..], root.right, (tail, tail_costs), references, primitives),
-        );
-        planned = 1;
+    let area = root.bounds().area();
+    if let Some(count) = root.count() {
+        let only_triangles = primitives.only_triangles()
+            || references[root.left as usize..][..count as usize]
+                .iter()
+                .all(|r| primitives.triangle(r.primitive()).is_some());
+        let cost = area * if only_triangles { BLOCK * count.div_ceil(4) as f32 } else { SHAPE * count as f32 };
+        plans[0] = Plan { left: [0; 7], only_triangles, count };
+        return [cost; 7];
     }
-    for (i, node) in nodes[..planned].iter().enumerate().rev() {
-        if node.right == 0 {
-            continue; // a place that was not used
-        }
-        let area = node.bounds().area();
-        (plans[i], costs[i]) = if let Some(count) = node.count() {
-            let only_triangles = primitives.only_triangles()
-                || references[node.left as usize..][..count as usize]
-                    .iter()
-                    .all(|r| primitives.triangle(r.primitive()).is_some());
-            let cost = area * if only_triangles { BLOCK * count.div_ceil(4) as f32 } else { SHAPE * count as f32 };
-            (Plan { left: [0; 7], only_triangles, count }, [cost; 7])
-        } else {
-            let side = |child: u32| (&plans[(child - base) as usize], &costs[(child - base) as usize]);
-            join(area, side(node.left), side(node.right))
-        };
-    }
+    let (left, right) = ((root.left - base) as usize, (root.right - base) as usize);
+    let (head, tail) = plans.split_at_mut(right);
+    let mut plan_left = || plan_subtree(&nodes[left..right], root.left, &mut head[left..], references, primitives);
+    let mut plan_right = || plan_subtree(&nodes[right..], root.right, tail, references, primitives);
+    let (left_costs, right_costs) =
+        if nodes.len() > PARALLEL_PLAN { rayon::join(plan_left, plan_right) } else { (plan_left(), plan_right()) };
+    let (plan, costs) = join(area, (&plans[left], &left_costs), (&plans[right], &right_costs));
+    plans[0] = plan;
+    costs
 }
 
 /// The plan of a node from those of its children.
@@ -164,6 +151,10 @@ fn join(area: f32, (l, left_costs): (&Plan, &Costs), (r, right_costs): (&Plan, &
     (plan, costs)
 }
 
+fn sum(a: [usize; 3], b: [usize; 3]) -> [usize; 3] {
+    std::array::from_fn(|i| a[i] + b[i])
+}
+
 /// Up to N values in place.
 struct Few<T, const N: usize> {
     values: [T; N],
@@ -183,48 +174,39 @@ impl<T: Copy, const N: usize> Few<T, N> {
     }
 }
 
-/// A part of the wide tree.
-enum Part {
-    Fork(Box<Node>, Vec<Part>),
-    /// With its root; places are within the part.
-    Subtree(Wide, Child),
+/// A part of the wide tree, and how many nodes, blocks and shapes it has.
+struct Part {
+    at: u32,
+    size: [usize; 3],
+    /// What its root's children are, if they are emitted side by side.
+    parts: Vec<Part>,
 }
 
-impl Part {
-    /// How many nodes, blocks and shapes.
-    fn len(&self) -> [usize; 3] {
-        match self {
-            Self::Fork(_, parts) => {
-                parts.iter().map(Self::len).fold([1, 0, 0], |a, b| std::array::from_fn(|i| a[i] + b[i]))
-            }
-            Self::Subtree(wide, _) => [wide.nodes.len(), wide.blocks.len(), wide.shapes.len()],
+/// Where a part's nodes, blocks and shapes go.
+struct Places<'a> {
+    nodes: &'a mut [Node],
+    blocks: &'a mut [Block],
+    shapes: &'a mut [Shape],
+    /// The numbers of the first of each.
+    first: [u32; 3],
+}
+
+impl<'a> Places<'a> {
+    /// Takes away the first few of each.
+    fn take(&mut self, [n, b, s]: [usize; 3]) -> Self {
+        let first = self.first;
+        self.first = [first[0] + n as u32, first[1] + b as u32, first[2] + s as u32];
+        Self {
+            first,
+            nodes: self.nodes.split_off_mut(..n).expect("as many as were counted"),
+            blocks: self.blocks.split_off_mut(..b).expect("as many as were counted"),
+            shapes: self.shapes.split_off_mut(..s).expect("as many as were counted"),
         }
     }
-
-    /// Moves it behind what is there.
-    fn put(self, out: &mut Wide) -> Child {
-        let [n, b, s] = [out.nodes.len(), out.blocks.len(), out.shapes.len()].map(|x| x as u32);
-        match self {
-            Self::Fork(node, parts) => {
-                out.nodes.push(*node);
-                for (slot, part) in parts.into_iter().enumerate() {
-                    let child = part.put(out);
-                    out.nodes[n as usize].children[slot] = child;
-                }
-                Child::node(n)
-            }
-            Self::Subtree(wide, root) => {
-                out.nodes.extend(wide.nodes.into_iter().map(|mut node| {
-                    for child in &mut node.children {
-                        *child = child.moved(n, b, s);
-                    }
-                    node
-                }));
-                out.blocks.extend_from_slice(&wide.blocks);
-                out.shapes.extend_from_slice(&wide.shapes);
-                root.moved(n, b, s)
-            }
-        }
+    /// Takes away the first node.
+    fn node(&mut self) -> (&'a mut Node, Child) {
+        let Self { nodes, first, .. } = self.take([1, 0, 0]);
+        (&mut nodes[0], Child::node(first[0]))
     }
 }
 
@@ -275,42 +257,61 @@ impl<P: Primitives> Emitter<'_, P> {
         node
     }
 
-    /// Emitted by several threads as far as that pays.
-    fn part(&self, at: u32) -> Part {
-        let count = self.plans[at as usize].count;
-        if self.is_leaf(at) || count <= PARALLEL {
-            let mut wide = Wide { nodes: Vec::with_capacity(count as usize / 6), ..Wide::default() };
-            wide.blocks.reserve(count as usize / 3);
-            let child = self.emit(at, &mut wide);
-            return Part::Subtree(wide, child);
+    /// How large the subtree's part will be, counted by several threads as far as that pays.
+    fn measure(&self, at: u32) -> Part {
+        if self.is_leaf(at) || self.plans[at as usize].count <= PARALLEL {
+            return Part { at, size: self.count(at), parts: Vec::new() };
         }
         let mut children = self.children_of_node(at);
-        let children = &*children.all();
-        Part::Fork(Box::new(self.node(children)), children.par_iter().map(|&child| self.part(child)).collect())
+        let parts: Vec<Part> = children.all().par_iter().map(|&child| self.measure(child)).collect();
+        Part { at, size: parts.iter().fold([1, 0, 0], |size, part| sum(size, part.size)), parts }
     }
 
-    fn emit(&self, at: u32, wide: &mut Wide) -> Child {
+    /// How many nodes, blocks and shapes the subtree takes.
+    fn count(&self, at: u32) -> [usize; 3] {
         if self.is_leaf(at) {
-            return self.leaf(at, wide);
+            let plan = &self.plans[at as usize];
+            return if plan.only_triangles { [0, plan.count.div_ceil(4) as usize, 0] } else { [0, 0, 1] };
+        }
+        self.children_of_node(at).all().iter().fold([1, 0, 0], |size, &child| sum(size, self.count(child)))
+    }
+
+    /// Emitted by several threads as far as that pays.
+    fn part(&self, part: &Part, mut places: Places) -> Child {
+        if part.parts.is_empty() {
+            return self.emit(part.at, &mut places);
+        }
+        let (node, place) = places.node();
+        let own: Vec<(&Part, Places)> = part.parts.iter().map(|part| (part, places.take(part.size))).collect();
+        let children: Vec<Child> = own.into_par_iter().map(|(part, places)| self.part(part, places)).collect();
+        let roots: Vec<u32> = part.parts.iter().map(|part| part.at).collect();
+        *node = self.node(&roots);
+        node.children[..children.len()].copy_from_slice(&children);
+        place
+    }
+
+    fn emit(&self, at: u32, places: &mut Places) -> Child {
+        if self.is_leaf(at) {
+            return self.leaf(at, places);
         }
         let mut children = self.children_of_node(at);
         let children = &*children.all();
-        let place = wide.nodes.len();
-        wide.nodes.push(self.node(children));
+        let (node, place) = places.node();
+        *node = self.node(children);
         for (slot, &child) in children.iter().enumerate() {
-            let child = self.emit(child, wide);
-            wide.nodes[place].children[slot] = child;
+            node.children[slot] = self.emit(child, places);
         }
-        Child::node(place as u32)
+        place
     }
 
-    fn leaf(&self, at: u32, wide: &mut Wide) -> Child {
+    fn leaf(&self, at: u32, places: &mut Places) -> Child {
+        let Places { blocks, shapes, first, .. } = places.take(self.count(at));
         let mut primitives: Few<u32, { LEAF as usize }> = Few::new(0);
         self.gather(at, &mut primitives);
         let primitives = primitives.all();
-        if self.primitives.triangle(primitives[0]).is_none() {
-            wide.shapes.push(self.primitives.shape(primitives[0]));
-            return Child::shape(wide.shapes.len() as u32 - 1);
+        if let Some(shape) = shapes.first_mut() {
+            *shape = self.primitives.shape(primitives[0]);
+            return Child::shape(first[2]);
         }
         // A triangle that was split may come back together here.
         primitives.sort_unstable();
@@ -321,13 +322,15 @@ impl<P: Primitives> Emitter<'_, P> {
                 n += 1;
             }
         }
-        let first = wide.blocks.len() as u32;
-        for four in primitives[..n].chunks(4) {
+        // If so, blocks may be left over, which nothing refers to; they repeat the last.
+        let fours = primitives[..n].chunks(4);
+        let last = primitives[..n].chunks(4).last();
+        for (block, four) in blocks.iter_mut().zip(fours.chain(last.into_iter().cycle())) {
             let mut triangles = Few::<_, 4>::new(([[0.0; 3]; 3], 0));
             four.iter().filter_map(|&i| self.primitives.triangle(i)).for_each(|triangle| triangles.push(triangle));
-            wide.blocks.push(Block::new(triangles.all()));
+            *block = Block::new(triangles.all());
         }
-        Child::blocks(first, n.div_ceil(4) as u32)
+        Child::blocks(first[1], n.div_ceil(4) as u32)
     }
 
     fn gather(&self, at: u32, out: &mut Few<u32, { LEAF as usize }>) {

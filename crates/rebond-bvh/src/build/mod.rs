@@ -174,20 +174,21 @@ fn tree(mut references: Vec<Reference>, primitives: &impl Primitives, preset: Pr
         let (_, cut_cost) = collapse::plan(&cut_nodes, &cut_references, primitives);
         if cut_cost < WORTH_CUTTING * cost {
             (references, nodes) = (cut_references, cut_nodes);
+            reinsert::order(&mut nodes);
         }
     }
     if preset != Preset::Fast {
         reinsert::improve(&mut nodes);
     }
     let (plans, _) = collapse::plan(&nodes, &references, primitives);
-    let (wide, root) = collapse::collapse(nodes, &references, primitives, plans);
+    let (wide, root) = collapse::collapse(&nodes, &references, primitives, &plans);
     if let Some(tree) = Tree::new(wide.nodes, wide.blocks, wide.shapes, root, bounds) {
         return Ok(tree);
     }
     // Some inputs make trees too deep for the stack; halving by number does not.
     let nodes = binned::build(&mut references, binned::Shape { leaf: 1, balanced: true, coarse: false });
     let (plans, _) = collapse::plan(&nodes, &references, primitives);
-    let (wide, root) = collapse::collapse(nodes, &references, primitives, plans);
+    let (wide, root) = collapse::collapse(&nodes, &references, primitives, &plans);
     Tree::new(wide.nodes, wide.blocks, wide.shapes, root, bounds).ok_or(BuildError::TooManyPrimitives)
 }
 

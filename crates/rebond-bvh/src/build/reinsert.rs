@@ -22,9 +22,8 @@ struct Move {
     to: u32,
 }
 
-/// Betters the tree whose root is `nodes[0]` and puts it in depth-first order.
+/// Betters the tree, which is and stays in depth-first order, its root first.
 pub(crate) fn improve(nodes: &mut Vec<Binary>) {
-    order(nodes);
     if nodes.len() < 7 {
         return;
     }
@@ -37,6 +36,7 @@ pub(crate) fn improve(nodes: &mut Vec<Binary>) {
     }
     let mut cost = f64::INFINITY;
     let mut locked = vec![0_u32; nodes.len()];
+    let mut keys = Vec::new();
     for pass in 1..=PASSES as u32 {
         let now = area(nodes);
         if cost.is_finite() && now > cost * (1.0 - ENOUGH) {
@@ -45,7 +45,7 @@ pub(crate) fn improve(nodes: &mut Vec<Binary>) {
         cost = now;
         let mut moves: Vec<Move> = {
             let nodes = &*nodes;
-            candidates(nodes).into_par_iter().filter_map(|i| best_move(nodes, &parents, i)).collect()
+            candidates(nodes, &mut keys).par_iter().filter_map(|key| best_move(nodes, &parents, *key as u32)).collect()
         };
         moves.par_sort_unstable_by(|a, b| b.gain.total_cmp(&a.gain).then(a.what.cmp(&b.what)));
         for step in moves {
@@ -62,14 +62,14 @@ fn area(nodes: &[Binary]) -> f64 {
 }
 
 /// The subtrees to be moved: the eighth of largest area. With all of them a tree of 3392 triangles took five times as
-/// long and was no better.
-fn candidates(nodes: &[Binary]) -> Vec<u32> {
+/// long and was no better. The lower half of each of the `keys` tells one.
+fn candidates<'a>(nodes: &[Binary], keys: &'a mut Vec<u64>) -> &'a [u64] {
     let batch = (nodes.len() / 8).clamp(1, BATCH);
-    // Areas are not negative, so that their bits are in their order; the lower half tells the nodes.
+    // Areas are not negative, so that their bits are in their order.
     let key = |i: usize| u64::from(!nodes[i].bounds().area().to_bits()) << 32 | i as u64;
-    let mut keys: Vec<u64> = (1..nodes.len()).into_par_iter().map(key).collect();
+    (1..nodes.len()).into_par_iter().map(key).collect_into_vec(keys);
     keys.select_nth_unstable(batch);
-    keys[..batch].iter().map(|key| *key as u32).collect()
+    &keys[..batch]
 }
 
 /// The place where a subtree costs least.
@@ -192,7 +192,7 @@ fn refit(nodes: &mut [Binary], parents: &[u32], mut at: u32) {
 }
 
 /// Depth first, without unused places.
-fn order(nodes: &mut Vec<Binary>) {
+pub(crate) fn order(nodes: &mut Vec<Binary>) {
     let mut ordered: Vec<Binary> = Vec::with_capacity(nodes.len());
     let mut stack = vec![(0_u32, u32::MAX)];
     while let Some((old, parent)) = stack.pop() {

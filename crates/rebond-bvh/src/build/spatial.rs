@@ -73,10 +73,7 @@ impl<P: Primitives> Builder<'_, P> {
             let here = &mut references[..n];
             let (middle, left, right) = match split {
                 Some(_) if n <= SWEEP => sweep(here, &centers),
-                Some(split) => {
-                    let copy = here.to_vec();
-                    split.partition(&copy, here)
-                }
+                Some(split) => split.partition(here),
                 None => halve(here, &centers),
             };
             ((middle, left), (n - middle, right))
