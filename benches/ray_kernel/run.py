@@ -4,10 +4,14 @@
 Embree's shared library comes from the PyPI package `embreex`, installed into a virtual environment of its own; the
 benchmark alone loads it. Needs Linux on x86-64, a Rust toolchain and a quiet machine. Further arguments go to the
 program: `--scene NAME`, `--repeat N`, `--side PIXELS`, `--curve`, `--ours`, `--preset NAME`.
+
+`--builds` times building instead: every build in a process of its own, which keeps to its number of threads and gets all of
+its memory from the system, in turns.
 """
 
 import datetime
 import pathlib
+import statistics
 import subprocess
 import sys
 import venv
@@ -31,12 +35,37 @@ def embree() -> pathlib.Path:
     return found[0]
 
 
+def run(*arguments: str) -> str:
+    """What the program prints."""
+    command = ["cargo", "run", "--release", "--quiet", "-p", "rebond-bvh", "--example", "ray_kernel", "--"]
+    command += ["--embree", str(embree()), *arguments]
+    return subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True).stdout
+
+
+def builds(scene: str, repeat: int) -> str:
+    """A table of build times: medians and least, by the clock and of the processor."""
+    names = ("embree medium", "fast", "default", "embree high", "quality")
+    seconds = {f"{name} {threads}": [] for threads in (1, 2) for name in names}
+    for _ in range(repeat):
+        for name, found in seconds.items():
+            words = run("--scene", scene, "--build", "--repeat", "1", "--preset", name).split()
+            found.append((float(words[-4]), float(words[-2])))
+    text = f"\n{scene}, {repeat} builds of each in processes of their own; seconds, median and least\n"
+    for name, found in seconds.items():
+        clock, cpu = ((statistics.median(of), min(of)) for of in zip(*found, strict=True))
+        text += f"  {name:16} clock {clock[0]:7.3f} {clock[1]:7.3f}   processor {cpu[0]:7.3f} {cpu[1]:7.3f}\n"
+    return text
+
+
 def main() -> None:
     """Builds, runs, shows, saves."""
-    command = ["cargo", "run", "--release", "--quiet", "-p", "rebond-bvh", "--example", "ray_kernel", "--"]
-    command += ["--embree", str(embree()), *sys.argv[1:]]
-    heading = f"{datetime.date.today()}, {processor()}, commit {commit()}, {' '.join(sys.argv[1:])}\n"
-    out = subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True).stdout
+    arguments = sys.argv[1:]
+    heading = f"{datetime.date.today()}, {processor()}, commit {commit()}, {' '.join(arguments)}\n"
+    if "--builds" in arguments:
+        given = dict(zip(arguments, arguments[1:], strict=False))
+        out = builds(given.get("--scene", "land"), int(given.get("--repeat", 7)))
+    else:
+        out = run(*arguments)
     print(heading + out)
     name = datetime.datetime.now().strftime("%Y-%m-%d-%H%M") + ".txt"
     (HERE / "results").mkdir(exist_ok=True)

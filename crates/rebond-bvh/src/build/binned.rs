@@ -39,7 +39,13 @@ pub(crate) fn build(references: &mut [Reference], shape: Shape) -> Vec<Binary> {
         .par_chunks(PARALLEL_BINS / 8)
         .map(enclose)
         .reduce(|| (Bounds::EMPTY, Bounds::EMPTY), |a, b| (a.0.or(&b.0), a.1.or(&b.1)));
-    Piece { references, first: 0, bounds, centers, depth: 0 }.part(shape).into_nodes()
+    let all = Piece { references, first: 0, bounds, centers, depth: 0 };
+    if shape.leaf == 1 {
+        let mut nodes = Binary::places(2 * all.references.len() - 1);
+        all.fill(shape, &mut nodes, 0);
+        return nodes;
+    }
+    all.part(shape).into_nodes()
 }
 
 /// The box of the references and that of their centres.
@@ -65,11 +71,34 @@ enum Part {
 }
 
 impl Piece<'_> {
+    /// Puts a tree whose leaves have one reference each where it stays: n of them make 2n − 1 nodes, of which the first
+    /// has the number `base`.
+    fn fill(self, shape: Shape, nodes: &mut [Binary], base: u32) {
+        let n = self.references.len();
+        if n == 1 {
+            nodes[0] = Binary::leaf(&self.bounds, self.first, 1);
+            return;
+        }
+        let bounds = self.bounds;
+        let (left, right) = self.split(shape);
+        let middle = 2 * left.references.len();
+        let (head, tail) = nodes.split_at_mut(middle);
+        let right_base = base + middle as u32;
+        head[0] = Binary::new(&bounds, base + 1, right_base);
+        let fill_left = || left.fill(shape, &mut head[1..], base + 1);
+        let fill_right = || right.fill(shape, tail, right_base);
+        if n > PARALLEL {
+            rayon::join(fill_left, fill_right);
+        } else {
+            fill_left();
+            fill_right();
+        }
+    }
+
     /// Built by several threads as far as that pays.
     fn part(self, shape: Shape) -> Part {
         if self.references.len() <= PARALLEL {
-            let most = 2 * self.references.len();
-            let mut nodes = Vec::with_capacity(if shape.leaf == 1 { most } else { most / 3 });
+            let mut nodes = Vec::with_capacity(2 * self.references.len() / 3);
             self.subtree(shape, &mut nodes);
             return Part::Subtree(nodes);
         }
