@@ -264,6 +264,8 @@ def main():
     parser.add_argument("--save", metavar="NAME", help="write the raw figures to results/DATE-NAME.json")
     rebond.add_arguments(parser)
     args = parser.parse_args()
+    if args.reference_spp < REFERENCE_RUN or args.reference_spp % REFERENCE_RUN:
+        parser.error(f"--reference-spp: give a multiple of {REFERENCE_RUN}, which is what one of Mitsuba's runs takes")
     args.variants = VARIANTS[:1] if args.no_scalar else VARIANTS
 
     # Reads EXR files.
