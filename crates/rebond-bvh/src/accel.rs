@@ -117,6 +117,10 @@ pub(crate) struct Slices {
     trees: Vec<Tree>,
     start: f32,
     per_time: f32,
+    /// Largest absolute coordinate of all trees.
+    pub extent: f32,
+    /// Whether a way down one of these trees and down one of an instance's fits into one stack.
+    pub in_turns: bool,
 }
 
 /// At most so many parts.
@@ -171,8 +175,11 @@ impl Slices {
             }
         }
         let per_time = if length > 0.0 { (chosen.len() as f64 / length) as f32 } else { 0.0 };
-        let trees = chosen.iter().map(|boxes| build::instances(boxes, preset)).collect::<Result<_, _>>()?;
-        Ok(Self { trees, start: if length > 0.0 { start } else { 0.0 }, per_time })
+        let own = chosen.iter().map(|boxes| build::instances(boxes, preset)).collect::<Result<Vec<_>, _>>()?;
+        let places = |trees: &[Tree]| trees.iter().map(|tree| tree.places).max().unwrap_or(0);
+        let in_turns = places(&own) + 1 + places(trees) <= crate::single::STACK;
+        let extent = own.iter().fold(0.0, |extent: f32, tree| extent.max(tree.extent));
+        Ok(Self { trees: own, start: if length > 0.0 { start } else { 0.0 }, per_time, extent, in_turns })
     }
 }
 

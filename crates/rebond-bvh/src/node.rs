@@ -77,6 +77,8 @@ pub(crate) enum Target {
 impl Child {
     pub const MAX_BLOCKS: usize = 1 << BLOCK_BITS;
     pub const MAX_SHAPES: usize = SHAPE as usize;
+    /// No shape: back out of an instance.
+    pub const OUT: Self = Self(u32::MAX);
 
     pub fn node(index: u32) -> Self {
         debug_assert!(index < LEAF);

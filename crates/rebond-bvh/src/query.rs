@@ -1,6 +1,6 @@
 //! From the public calls to the kernels: one ray or sixteen, one tree or two levels of them.
 
-use crate::accel::{Accel, World};
+use crate::accel::{Accel, Slices, World};
 use crate::instance::transform;
 use crate::packet::{self, Packet};
 use crate::ray::{Best, Rays, SingleRay, no_hit};
@@ -8,8 +8,10 @@ use crate::shape::Shape;
 use crate::simd::{Native, Simd};
 use crate::single::{self, Shapes, Solid};
 use crate::tree::Tree;
-use crate::{Filter, Hit, MISS, Ray, turns};
+use crate::turns::{self, Among, Here};
+use crate::{Filter, Hit, MISS, Ray};
 use rebond_lanes::{F32x16, Index, Mask, Mask16, Real};
+use std::marker::PhantomData;
 
 /// What [`Accel`] forwards its calls to.
 pub trait Query: Real {
@@ -87,7 +89,17 @@ impl Query for F32x16 {
     }
 }
 
-/// The lanes of `mask`, one by one.
+/// The largest absolute coordinate of what there is, if rays may take turns there.
+#[inline(always)]
+fn in_turns(accel: &Accel) -> Option<f32> {
+    match &accel.world {
+        World::Nothing => None,
+        World::One { tree, .. } => Some(accel.trees[*tree].extent),
+        World::Many(slices) => slices.in_turns.then_some(slices.extent),
+    }
+}
+
+/// The lanes of `mask`, in turns where that can be.
 #[inline]
 fn each_closest<K: Filter>(accel: &Accel, ray: &Ray<F32x16>, mask: Mask16, filter: &K, hit: &mut Hit<F32x16>) {
     if mask.none() {
@@ -101,13 +113,22 @@ fn each_closest<K: Filter>(accel: &Accel, ray: &Ray<F32x16>, mask: Mask16, filte
         instance: store(F32x16::from_bits(hit.instance)).map(f32::to_bits),
     };
     let mut left = mask;
-    if let World::One { tree, instance } = accel.world {
-        let tree = &accel.trees[tree];
-        let (fit, largest, reach) = SingleRay::sizes_of(ray.o, ray.d, tree.extent);
+    if let Some(extent) = in_turns(accel) {
+        let (fit, largest, reach) = SingleRay::sizes_of(ray.o, ray.d, extent);
         let usual = mask & fit & ray.tmax.ge(F32x16::zero());
         let rays = Rays::new(ray.o, ray.d, largest, reach);
         let tmax = store(ray.tmax);
-        turns::closest::<Native, K>(tree, &rays, &tmax, usual.bits(), instance, filter, |i, best| hits.set(i, best));
+        let found = |i: usize, best: &Best| hits.set(i, best);
+        match &accel.world {
+            World::Nothing => {}
+            World::One { tree, instance } => {
+                let here = Here { tree: &accel.trees[*tree], rays: &rays, instance: *instance };
+                turns::closest::<Native, _, _>(here, &tmax, usual.bits(), filter, found, |_, _, _, _| ());
+            }
+            World::Many(slices) => {
+                closest_among(accel, slices, &rays, [&tmax, &store(ray.time)], usual.bits(), filter, found);
+            }
+        }
         left = mask.and_not(usual);
     }
     if left.any() {
@@ -117,6 +138,39 @@ fn each_closest<K: Filter>(accel: &Accel, ray: &Ray<F32x16>, mask: Mask16, filte
     let words = |x: &[u32; 16]| F32x16::load(&x.map(f32::from_bits)).to_bits();
     (hit.t, hit.u, hit.v) = (F32x16::load(&hits.t), F32x16::load(&hits.u), F32x16::load(&hits.v));
     (hit.primitive, hit.instance) = (words(&hits.primitive), words(&hits.instance));
+}
+
+/// The nearest hits among instances, in turns.
+#[inline(never)]
+fn closest_among<K: Filter>(
+    accel: &Accel,
+    slices: &Slices,
+    rays: &Rays,
+    [tmax, times]: [&[f32; 16]; 2],
+    lanes: u32,
+    filter: &K,
+    found: impl FnMut(usize, &Best),
+) {
+    let alone = |i: usize, shape: &Shape, ray: &SingleRay, best: &mut Best| {
+        Placement::<Native, K> { accel, time: times[i], filter, simd: PhantomData }.closest(shape, ray, best);
+    };
+    turns::closest::<Native, _, _>(Among::new(accel, slices, rays, times), tmax, lanes, filter, found, alone);
+}
+
+/// The lanes that an instance stops, in turns.
+#[inline(never)]
+fn occluded_among<K: Filter>(
+    accel: &Accel,
+    slices: &Slices,
+    rays: &Rays,
+    [tmax, times]: [&[f32; 16]; 2],
+    lanes: u32,
+    filter: &K,
+) -> u32 {
+    let alone = |i: usize, shape: &Shape, ray: &SingleRay| {
+        Placement::<Native, K> { accel, time: times[i], filter, simd: PhantomData }.occluded(shape, ray, tmax[i])
+    };
+    turns::occluded::<Native, _, _>(Among::new(accel, slices, rays, times), tmax, lanes, filter, alone)
 }
 
 /// What each lane found.
@@ -156,12 +210,21 @@ fn lane_of(ray: &Ray<F32x16>) -> impl Fn(usize) -> Ray<f32> {
 #[inline]
 fn each_occluded<K: Filter>(accel: &Accel, ray: &Ray<F32x16>, mask: Mask16, filter: &K) -> Mask16 {
     let (mut left, mut hit) = (mask, 0);
-    if let World::One { tree, instance } = accel.world {
-        let tree = &accel.trees[tree];
-        let (fit, largest, reach) = SingleRay::sizes_of(ray.o, ray.d, tree.extent);
+    if let Some(extent) = in_turns(accel) {
+        let (fit, largest, reach) = SingleRay::sizes_of(ray.o, ray.d, extent);
         let usual = mask & fit & ray.tmax.ge(F32x16::zero());
         let rays = Rays::new(ray.o, ray.d, largest, reach);
-        hit = turns::occluded::<Native, K>(tree, &rays, &store(ray.tmax), usual.bits(), instance, filter);
+        let tmax = store(ray.tmax);
+        match &accel.world {
+            World::Nothing => {}
+            World::One { tree, instance } => {
+                let here = Here { tree: &accel.trees[*tree], rays: &rays, instance: *instance };
+                hit = turns::occluded::<Native, _, _>(here, &tmax, usual.bits(), filter, |_, _, _| false);
+            }
+            World::Many(slices) => {
+                hit = occluded_among(accel, slices, &rays, [&tmax, &store(ray.time)], usual.bits(), filter);
+            }
+        }
         left = mask.and_not(usual);
     }
     if left.any() {
@@ -194,7 +257,7 @@ pub(crate) fn closest<S: Simd, K: Filter>(accel: &Accel, ray: &Ray<f32>, filter:
         }
         World::Many(slices) => {
             let top = slices.at(ray.time);
-            let placed = Placement::<S, K> { accel, time: ray.time, filter, simd: std::marker::PhantomData };
+            let placed = Placement::<S, K> { accel, time: ray.time, filter, simd: PhantomData };
             closest_in::<S, K>(top, ray.o, ray.d, MISS, filter, &placed, &mut best);
         }
     }
@@ -216,7 +279,7 @@ pub(crate) fn occluded<S: Simd, K: Filter>(accel: &Accel, ray: &Ray<f32>, filter
         }
         World::Many(slices) => {
             let top = slices.at(ray.time);
-            let placed = Placement::<S, K> { accel, time: ray.time, filter, simd: std::marker::PhantomData };
+            let placed = Placement::<S, K> { accel, time: ray.time, filter, simd: PhantomData };
             occluded_in::<S, K>(top, ray.o, ray.d, MISS, filter, &placed, ray.tmax)
         }
     }
@@ -304,7 +367,7 @@ struct Placement<'a, S, K> {
     accel: &'a Accel,
     time: f32,
     filter: &'a K,
-    simd: std::marker::PhantomData<S>,
+    simd: PhantomData<S>,
 }
 
 impl<S: Simd, K: Filter> Shapes for Placement<'_, S, K> {
@@ -430,13 +493,16 @@ mod tests {
         let (_, largest, reach) = SingleRay::sizes_of(ray.o, ray.d, tree.extent);
         let rays = Rays::new(ray.o, ray.d, largest, reach);
         let (t, mut found) = (store(hit.t), 0);
-        turns::closest::<S, _>(tree, &rays, &store(ray.tmax), lanes, 0, &Everything, |i, best| {
+        let here = || Here { tree, rays: &rays, instance: 0 };
+        let check = |i: usize, best: &Best| {
             assert_eq!(found >> i & 1, 0);
             found |= 1 << i;
             assert!((best.t - t[i]).abs() <= 1e-5 * t[i]);
-        });
+        };
+        turns::closest::<S, _, _>(here(), &store(ray.tmax), lanes, &Everything, check, |_, _, _, _| ());
         assert_eq!(found, lanes);
-        let occluded = |f: f32| turns::occluded::<S, _>(tree, &rays, &t.map(|t| f * t), lanes, 0, &Everything);
+        let occluded =
+            |f: f32| turns::occluded::<S, _, _>(here(), &t.map(|t| f * t), lanes, &Everything, |_, _, _| false);
         assert_eq!((occluded(1.001), occluded(0.999)), (lanes, 0));
     }
 

@@ -189,6 +189,7 @@ impl SingleRay {
 }
 
 /// Sixteen rays, each prepared as a [`SingleRay`] is, to the bit.
+#[derive(Clone)]
 pub(crate) struct Rays([SingleRay; 16]);
 
 impl Rays {
@@ -244,6 +245,11 @@ impl Rays {
     #[inline(always)]
     pub fn lane(&self, i: usize) -> &SingleRay {
         &self.0[i % 16]
+    }
+    /// Puts another in the place of one.
+    #[inline(always)]
+    pub fn set(&mut self, i: usize, ray: SingleRay) {
+        self.0[i % 16] = ray;
     }
 }
 

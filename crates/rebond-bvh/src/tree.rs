@@ -22,6 +22,8 @@ pub(crate) struct Tree {
     corners: Vec<[f32; 3]>,
     /// Bounds of everything; lower above upper if there is nothing.
     pub bounds: ([f32; 3], [f32; 3]),
+    /// Places of a stack that no way down needs more of.
+    pub places: usize,
     /// Largest absolute coordinate of the bounds.
     pub extent: f32,
     /// Too large for the cache: fetch ahead.
@@ -61,6 +63,7 @@ impl Tree {
             pairs: Vec::new(),
             corners: Vec::new(),
             bounds: NO_BOUNDS,
+            places: 0,
             extent: 0.0,
             large: false,
         }
@@ -100,12 +103,14 @@ impl Tree {
             need[i] = (deepest + children).min(u16::MAX / 2);
         }
         let deepest = if let Target::Node(index) = root.target() { need[index as usize] } else { 0 };
-        if usize::from(deepest) + 8 > crate::single::STACK {
+        let places = usize::from(deepest) + 8;
+        if places > crate::single::STACK {
             return None;
         }
         let extent = bounds.0.iter().chain(&bounds.1).fold(0.0, |m: f32, x| m.max(x.abs()));
         let (pairs, corners) = few(&blocks, &shapes);
-        let mut tree = Self { nodes, blocks, shapes, root: Some(root), pairs, corners, bounds, extent, large: false };
+        let root = Some(root);
+        let mut tree = Self { nodes, blocks, shapes, root, pairs, corners, bounds, places, extent, large: false };
         tree.large = tree.bytes() > LARGE;
         Some(tree)
     }

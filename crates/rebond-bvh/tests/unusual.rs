@@ -3,7 +3,7 @@
 mod common;
 use common::*;
 use rebond_bvh::{Accel, BuildError, BuildOptions, Geometry, Instance, MISS, Preset, Ray, Sphere};
-use rebond_lanes::{F32x16, Index, Mask, Real};
+use rebond_lanes::{F32x16, Index, Mask, Mask16, Real};
 
 fn build(geometries: Vec<Geometry>, instances: Vec<Instance>) -> Result<Accel, BuildError> {
     Accel::build(geometries, instances, &BuildOptions::default()).map(|built| built.0)
@@ -207,6 +207,58 @@ fn instances_are_moved_copies() {
     assert!(hits > 3990, "{hits}");
 }
 
+/// Sixteen rays at a time find what each finds by itself, to the bit, among instances of all sizes that move, that lie in
+/// the same place, and that rays have to enter by themselves.
+#[test]
+fn instances_in_turns() {
+    let mut random = Random::new(12);
+    let mut parts = vec![blob(6, 0.3), room(2, [-0.5; 3], [0.5; 3])];
+    parts[1].spheres.push(Sphere { center: [0.1, 0.0, 0.0], radius: 0.2 });
+    let scaled = |x: f32, p: [f32; 3]| [[x, 0.0, 0.0, p[0]], [0.0, x, 0.0, p[1]], [0.0, 0.0, x, p[2]]];
+    let mut instances = vec![instance(0, IDENTITY), instance(0, scaled(1.0, [0.0; 3]))];
+    for i in 0..if cfg!(miri) { 6 } else { 60 } {
+        let size = [1.0, 0.3, 1e-7, 2.0][i % 4];
+        let keyframes = [0.0, 0.5, 2.0].map(|time| (time, scaled(size, random.point([-3.0; 3], [3.0; 3]))));
+        let keyframes = keyframes[..if i % 3 == 0 { 3 } else { 1 }].to_vec();
+        instances.push(Instance { geometry: i as u32 % 2, keyframes });
+    }
+    let towards: Vec<[f32; 3]> = instances.iter().map(|i| i.keyframes[0].1.map(|row| row[3])).collect();
+    let accel = build(parts, instances).unwrap();
+    let odd = |primitive: u32, instance: u32, _: f32, _: f32| !(primitive + instance).is_multiple_of(3);
+    let mut found = [0; 3];
+    for round in 0..if cfg!(miri) { 4 } else { 2000 } {
+        let rays: [Ray<f32>; 16] = std::array::from_fn(|i| {
+            let o = random.point([-5.0; 3], [5.0; 3]);
+            let to = towards[random.below(towards.len())];
+            let d = if i % 4 == 0 { random.direction() } else { std::array::from_fn(|k| to[k] - o[k]) };
+            let tmax = if i % 5 == 0 { 2.0 * random.unit() } else { f32::INFINITY };
+            Ray { o, d, tmax, time: if round % 3 == 0 { 0.0 } else { random.between(-0.5, 2.5) } }
+        });
+        let mask = Mask16::from_bits([0xffff, 0x7f13][round % 2]);
+        let hits = accel.closest(&wide(&rays), mask, round % 5 == 0);
+        let some = accel.closest_where(&wide(&rays), mask, false, &odd);
+        let [dark, less] = [accel.occluded(&wide(&rays), mask), accel.occluded_where(&wide(&rays), mask, &odd)];
+        for (i, ray) in rays.iter().enumerate().filter(|(i, _)| mask.bits() >> i & 1 == 1) {
+            for (one, all) in
+                [(accel.closest(ray, true, false), &hits), (accel.closest_where(ray, true, false, &odd), &some)]
+            {
+                assert_eq!((one.t, one.u, one.v), (all.t.lane(i), all.u.lane(i), all.v.lane(i)), "{ray:?}");
+                let names = [one.instance, one.primitive].map(|x| x.lane(0));
+                assert_eq!(names, [all.instance, all.primitive].map(|x| x.lane(i)), "{ray:?}");
+                found[0] += usize::from(names[0] != MISS);
+                found[1] += usize::from(names[0] != MISS && names[0] % 4 == 0);
+            }
+            assert_eq!(
+                (dark.bits() >> i & 1 == 1, less.bits() >> i & 1 == 1),
+                (accel.occluded(ray, true), accel.occluded_where(ray, true, &odd))
+            );
+            found[2] += usize::from(dark.bits() >> i & 1 == 1);
+        }
+    }
+    // Those of size 1e-7 have the numbers 4, 8, and so on.
+    assert!(cfg!(miri) || found[0] > 20_000 && found[1] > 1000 && found[2] > 10_000, "{found:?}");
+}
+
 #[test]
 fn moving_instances() {
     let keyframes = vec![(0.0, IDENTITY), (1.0, [[1.0, 0.0, 0.0, 10.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])];
@@ -262,7 +314,8 @@ fn fast_instances_are_where_they_are() {
     });
     let ball = Geometry { spheres: vec![Sphere { center: [0.0; 3], radius: 1.0 }], ..Geometry::default() };
     let accel = build(vec![ball], instances.collect()).unwrap();
-    let (mut hits, rays) = (0, if cfg!(miri) { 20 } else { 5_000 });
+    let (mut hits, rays) = (0, if cfg!(miri) { 32 } else { 4_992 });
+    let mut in_turns = Vec::new();
     for i in 0..rays {
         let time = if i % 10 == 0 { [0.0, 1.0, 1.5, 3.0, 4.0][i / 10 % 5] } else { 2.0 + 1.1 * random() };
         let (o, d) = ([0; 3].map(|_| 20.0 * random()), [0; 3].map(|_| random()));
@@ -285,10 +338,19 @@ fn fast_instances_are_where_they_are() {
         };
         // Of balls a little larger and a little smaller: rays that graze one may go either way.
         let (a, b) = (nearest(1.0 + 1e-4), nearest(1.0 - 1e-4));
-        let hit = accel.closest(&Ray { o, d, tmax: f32::INFINITY, time }, true, false);
+        let ray = Ray { o, d, tmax: f32::INFINITY, time };
+        let hit = accel.closest(&ray, true, false);
+        in_turns.push((ray, hit));
         let t = f64::from(hit.t);
         assert!(a.min(b) * (1.0 - 1e-5) <= t && t <= a.max(b) * (1.0 + 1e-5), "ray {i}: {t} is not from {a} to {b}");
         hits += u32::from(hit.t.is_finite());
     }
     assert!(hits > rays as u32 / 20, "{hits} hits");
+    for sixteen in in_turns.chunks_exact(16) {
+        let rays: Vec<Ray<f32>> = sixteen.iter().map(|(ray, _)| *ray).collect();
+        let hit = accel.closest(&wide(&rays), Mask16::splat(true), false);
+        for (i, (_, one)) in sixteen.iter().enumerate() {
+            assert_eq!((hit.t.lane(i), hit.instance.lane(i)), (one.t, one.instance.lane(0)));
+        }
+    }
 }
