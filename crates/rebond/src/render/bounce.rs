@@ -17,7 +17,25 @@ pub struct Bounced<F: Trace> {
     pub shadow_rays: F::Mask,
 }
 
-/// Traces the rays of the `active` lanes, lets the estimator handle what they hit, and traces its shadow rays. Light counts only
+/// What the rays of the `active` lanes hit.
+#[inline(always)]
+pub fn trace<F: Trace>(scene: &Scene, path: &PathState<F>, active: F::Mask, coherent: bool) -> Hit<F> {
+    let first = blind(scene, path, active);
+    if first.any() {
+        let (seen, met) = (scene.see(&path.ray(), first), scene.intersect(&path.ray(), active.and_not(first), false));
+        select(first, seen, met)
+    } else {
+        scene.intersect(&path.ray(), active, coherent)
+    }
+}
+
+/// Rays of an eye that sees no lights.
+#[inline(always)]
+fn blind<F: Trace>(scene: &Scene, path: &PathState<F>, active: F::Mask) -> F::Mask {
+    if scene.hides_emitters() { active & path.depth.eq(Index::splat(1)) } else { F::Mask::splat(false) }
+}
+
+/// Lets the estimator handle what the rays of the `active` lanes hit, and traces its shadow rays. Light counts only
 /// if it is of a class that is wanted; `deposit` is told of all that counts, with its layer's number + 1, and the
 /// journal of the first lane.
 #[inline(always)]
@@ -27,29 +45,19 @@ pub fn bounce<F: Trace>(
     shade: &impl Shade,
     classes: Option<&PathClasses>,
     path: &mut PathState<F>,
+    hit: &Hit<F>,
     active: F::Mask,
-    coherent: bool,
     mut deposit: impl FnMut(&PathState<F>, F::Index, Rgb<F>),
     journal: &mut impl Journal,
 ) -> Bounced<F> {
     let gathered = path.radiance();
     path.set_radiance(Rgb::black());
-    // Rays of an eye that sees no lights.
-    let mut first = F::Mask::splat(false);
-    if scene.hides_emitters() {
-        first = active & path.depth.eq(Index::splat(1));
-    }
-    let hit = if first.any() {
-        let (seen, met) = (scene.see(&path.ray(), first), scene.intersect(&path.ray(), active.and_not(first), false));
-        select(first, seen, met)
-    } else {
-        scene.intersect(&path.ray(), active, coherent)
-    };
-    journal.write(|vertices| vertices.push(Vertex::new(scene, path, &hit)));
-    let bounce = shade.shade_telling(scene, path, &hit, active, journal);
+    let first = blind(scene, path, active);
+    journal.write(|vertices| vertices.push(Vertex::new(scene, path, hit)));
+    let bounce = shade.shade_telling(scene, path, hit, active, journal);
     if first.any() {
         // Nor does it see surroundings.
-        path.set_radiance(path.radiance().masked(is_hit(&hit) | !first));
+        path.set_radiance(path.radiance().masked(is_hit(hit) | !first));
     }
     if let Some(classes) = classes {
         // What the estimator added came along the present ray.

@@ -1,6 +1,6 @@
 //! The reference engine: one path after the other.
 
-use super::bounce::bounce;
+use super::bounce::{bounce, trace};
 use super::journal::{Journal, Story};
 use super::path_classes::PathClasses;
 use super::path_state::{PathState, Shade};
@@ -37,7 +37,8 @@ impl<S: Shade> Scalar<'_, S> {
                 }
             };
             let classes = self.classes.as_ref();
-            let step = bounce(self.scene, &self.shade, classes, &mut path, true, true, deposit, journal);
+            let hit = trace(self.scene, &path, true, true);
+            let step = bounce(self.scene, &self.shade, classes, &mut path, &hit, true, deposit, journal);
             rays.add(depth, 1);
             rays.shadow += u64::from(step.shadow_rays);
             if !step.alive {

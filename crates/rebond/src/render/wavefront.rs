@@ -2,9 +2,10 @@
 //!
 //! The paths of a wave lie side by side in columns, one per field. Each round fills the wave up with new paths, then
 //! takes group after group of sixteen through one bounce; those that live on are written back without gaps, those that
-//! end are added to their pixels.
+//! end are added to their pixels. Where many rays of a group leave the scene, the paths of the others wait for more of
+//! their kind between ray and surface.
 
-use super::bounce::bounce;
+use super::bounce::{bounce, trace};
 use super::path_classes::PathClasses;
 use super::path_state::{FIELDS, PathState, Shade};
 use super::tiles::{Sample, TILE, Tile, Tiles, VISIT};
@@ -12,7 +13,8 @@ use super::{Integrator, Observer, Pass, Rays};
 use crate::film::{Batch, Film};
 use crate::math::Rgb;
 use crate::sampling::Sampler;
-use crate::scene::Scene;
+use crate::scene::{Scene, is_hit};
+use rebond_bvh::Hit;
 use rebond_lanes::{F32x16, Index, Mask, Real};
 use std::sync::Mutex;
 
@@ -21,6 +23,10 @@ const WAVE: usize = 1024;
 /// Length of a column: compressing sixteen lanes may write past the last path.
 const STRIDE: usize = WAVE + LANES;
 const LANES: usize = F32x16::LANES;
+/// Paths of a group that suffice for going on without others.
+const ENOUGH: u32 = 12;
+
+type Lanes = <F32x16 as Real>::Mask;
 
 pub struct Wavefront<'a, S> {
     pub scene: &'a Scene,
@@ -76,6 +82,7 @@ struct Worker<'a, S> {
     sampler: Sampler,
     columns: Vec<f32>,
     paths: usize,
+    waiting: Waiting,
     open: Vec<Option<Box<OpenTile>>>,
     /// The tile that new paths come from: its place in `open`, and its next sample.
     source: Option<(usize, u32)>,
@@ -91,6 +98,7 @@ impl<'a, S: Shade> Worker<'a, S> {
             sampler: tiles.sampler(&engine.sampler),
             columns,
             paths: 0,
+            waiting: Waiting::new(),
             open: Vec::new(),
             source: None,
             rays,
@@ -106,18 +114,47 @@ impl<'a, S: Shade> Worker<'a, S> {
             }
             let (paths, mut kept) = (self.paths, 0);
             for at in (0..paths).step_by(LANES) {
-                let active = <F32x16 as Real>::Mask::from_bits(((1_u64 << (paths - at).min(LANES)) - 1) as u32);
-                kept += self.bounce(at, active, at >= under_way, kept);
+                kept = self.trace(at, first_lanes(paths - at), at >= under_way, kept);
+                kept = self.shade_waiting(LANES, kept);
             }
+            kept = self.shade_waiting(1, kept);
             self.paths = kept;
         }
     }
 
-    /// Takes one group a bounce further; writes those that live on at `to`, and returns how many they are.
-    fn bounce(&mut self, at: usize, active: <F32x16 as Real>::Mask, coherent: bool, to: usize) -> usize {
-        let engine = self.engine;
+    /// Traces the rays of one group. Paths whose bounce is over already and which live on are written at `to`; returns where
+    /// they end.
+    fn trace(&mut self, at: usize, active: Lanes, coherent: bool, to: usize) -> usize {
         let mut path = PathState::<F32x16>::load(&self.columns, STRIDE, at, &self.sampler);
-        let depth = path.depth;
+        let hit = trace(self.engine.scene, &path, active, coherent);
+        let mut left = active;
+        while left.any() {
+            let first = path.depth.lane(left.bits().trailing_zeros() as usize % LANES);
+            let same = left & path.depth.eq(Index::splat(first));
+            self.rays.add(first, same.count());
+            left = left.and_not(same);
+        }
+        let found = active & is_hit(&hit);
+        if found.count() >= ENOUGH || found.none() {
+            return self.shade(&mut path, &hit, active, to);
+        }
+        self.waiting.add(&path, &hit, found);
+        self.shade(&mut path, &hit, active.and_not(found), to)
+    }
+
+    /// Takes those that wait through their bounce, groups of at least this size.
+    fn shade_waiting(&mut self, least: usize, mut to: usize) -> usize {
+        while self.waiting.paths >= least {
+            let (mut path, hit, active) = self.waiting.take(&self.sampler);
+            to = self.shade(&mut path, &hit, active, to);
+        }
+        to
+    }
+
+    /// Takes one group through what its rays hit; writes those that live on at `to`, and returns where they end.
+    #[inline(never)]
+    fn shade(&mut self, path: &mut PathState<F32x16>, hit: &Hit<F32x16>, active: Lanes, to: usize) -> usize {
+        let engine = self.engine;
         let open = &mut self.open;
         let classes = engine.classes.as_ref();
         let deposit = |path: &PathState<F32x16>, layer: <F32x16 as Real>::Index, light: Rgb<F32x16>| {
@@ -125,20 +162,16 @@ impl<'a, S: Shade> Worker<'a, S> {
                 deposit(open, path, layer, light);
             }
         };
-        let step = bounce(engine.scene, &engine.shade, classes, &mut path, active, coherent, deposit, &mut ());
-        let mut left = active;
-        while left.any() {
-            let first = depth.lane(left.bits().trailing_zeros() as usize % LANES);
-            let same = left & depth.eq(Index::splat(first));
-            self.rays.add(first, same.count());
-            left = left.and_not(same);
-        }
+        let step = bounce(engine.scene, &engine.shade, classes, path, hit, active, deposit, &mut ());
         self.rays.shadow += u64::from(step.shadow_rays.count());
         let ended = active.and_not(step.alive);
         if ended.any() {
-            self.finish(&path, ended.bits());
+            self.finish(path, ended.bits());
         }
-        path.compress(step.alive, &mut self.columns, STRIDE, to)
+        if step.alive.none() {
+            return to;
+        }
+        to + path.compress(step.alive, &mut self.columns, STRIDE, to)
     }
 
     /// Adds the paths of these lanes to their pixels.
@@ -210,8 +243,48 @@ impl<'a, S: Shade> Worker<'a, S> {
             gather(&|i| samples[i].index),
             gather(&|i| samples[i].slot + (place * TILE) as u32),
         );
-        let mask = Mask::from_bits(((1_u64 << n) - 1) as u32);
-        self.paths += path.compress(mask, &mut self.columns, STRIDE, self.paths);
+        self.paths += path.compress(first_lanes(n as usize), &mut self.columns, STRIDE, self.paths);
+    }
+}
+
+/// The first `n` lanes, or all.
+fn first_lanes(n: usize) -> Lanes {
+    Lanes::from_bits(((1_u64 << n.min(LANES)) - 1) as u32)
+}
+
+/// Paths whose rays are traced, but which have not been through what they hit.
+struct Waiting {
+    columns: Vec<f32>,
+    hits: Vec<f32>,
+    paths: usize,
+}
+
+impl Waiting {
+    /// Room for one path less than a group, and a group.
+    const STRIDE: usize = 2 * LANES;
+
+    fn new() -> Self {
+        Self { columns: vec![0.0; FIELDS * Self::STRIDE], hits: vec![0.0; 5 * Self::STRIDE], paths: 0 }
+    }
+
+    /// Adds the paths of `mask`; fewer than a group may wait already.
+    fn add(&mut self, path: &PathState<F32x16>, hit: &Hit<F32x16>, mask: Lanes) {
+        let (primitive, instance) = (F32x16::from_bits(hit.primitive), F32x16::from_bits(hit.instance));
+        let numbers = [hit.t, hit.u, hit.v, primitive, instance];
+        for (number, column) in numbers.into_iter().zip(self.hits.chunks_exact_mut(Self::STRIDE)) {
+            number.compress(mask, &mut column[self.paths..]);
+        }
+        self.paths += path.compress(mask, &mut self.columns, Self::STRIDE, self.paths);
+    }
+
+    /// Those that came last, as many as a group takes.
+    fn take(&mut self, sampler: &Sampler) -> (PathState<F32x16>, Hit<F32x16>, Lanes) {
+        let active = first_lanes(self.paths);
+        self.paths = self.paths.saturating_sub(LANES);
+        let [t, u, v, primitive, instance] =
+            std::array::from_fn(|i| F32x16::load(&self.hits[i * Self::STRIDE + self.paths..]));
+        let hit = Hit { t, u, v, primitive: primitive.to_bits(), instance: instance.to_bits() };
+        (PathState::load(&self.columns, Self::STRIDE, self.paths, sampler), hit, active)
     }
 }
 
