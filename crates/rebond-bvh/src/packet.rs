@@ -22,13 +22,18 @@ pub(crate) struct Packet<'a> {
     along_z: Mask16,
     /// −shear[0], −shear[1], shear[2].
     shear: [F32x16; 3],
+    largest: F32x16,
+    reach: F32x16,
+}
+
+/// What boxes need of sixteen rays.
+struct Slabs<'a> {
+    packet: &'a Packet<'a>,
     inverse: [F32x16; 3],
     near: [F32x16; 3],
     far: [F32x16; 3],
     /// The lanes that go down each axis.
     down: [Mask16; 3],
-    largest: F32x16,
-    reach: F32x16,
 }
 
 /// What sixteen rays found.
@@ -111,79 +116,8 @@ impl<'a> Packet<'a> {
         let inverse = F32x16::one() / choose(x, y, z);
         let p = F32x16::select(along_x, y, x);
         let q = F32x16::select(along_z, y, z);
-        let zero = [F32x16::zero(); 3];
-        let packet = Self {
-            ray,
-            along_x,
-            along_z,
-            shear: [-(p * inverse), -(q * inverse), inverse],
-            inverse: zero,
-            near: zero,
-            far: zero,
-            down: [Mask16::splat(false); 3],
-            largest,
-            reach,
-        };
+        let packet = Self { ray, along_x, along_z, shear: [-(p * inverse), -(q * inverse), inverse], largest, reach };
         (packet, open & fit, open.and_not(fit))
-    }
-
-    /// What the boxes need.
-    #[inline(always)]
-    fn prepare_boxes(&mut self) {
-        let least = self.largest * SingleRay::FLAT;
-        let error = self.reach * SingleRay::POSITION_ERROR;
-        let sign = Index16::splat(0x8000_0000);
-        for k in 0..3 {
-            let d = self.ray.d[k];
-            let inverse = F32x16::one() / d.abs().max(least);
-            let signed = inverse.copy_sign(d);
-            let center = -(self.ray.o[k] * signed);
-            self.inverse[k] = signed;
-            self.near[k] = center - error * inverse;
-            self.far[k] = center + error * inverse;
-            self.down[k] = (d.to_bits() & sign).eq(sign);
-        }
-    }
-
-    /// A ray that enters no box later and leaves none earlier than any of the lanes does, for boxes within `bounds`.
-    ///
-    /// Along an axis that all go the same way, the least of their distances to a plane is a concave function of its
-    /// place, and no less than its chord; the largest is convex, and no more than its chord. The chords go from behind
-    /// all origins to the farther bound. Rays that go both ways leave the axis out.
-    fn beam<S: Simd>(&self, lanes: Mask16, bounds: &([f32; 3], [f32; 3])) -> SingleRay {
-        let (mut inverse, mut near) = ([0.0; 3], [f32::NEG_INFINITY; 3]);
-        let (mut inverse_far, mut far) = ([0.0; 3], [f32::INFINITY; 3]);
-        let mut down = [false; 3];
-        let reach = largest::<S>(self.reach, lanes);
-        let margin = reach * 1e-3;
-        for k in 0..3 {
-            let all_down = (self.down[k] & lanes).bits();
-            if all_down != 0 && all_down != lanes.bits() {
-                continue;
-            }
-            down[k] = all_down != 0;
-            let (first, last) = (least::<S>(self.ray.o[k], lanes), largest::<S>(self.ray.o[k], lanes));
-            // From before all origins, beyond all rounding.
-            let (from, to) = if down[k] {
-                (last + margin, bounds.0[k].min(first) - margin)
-            } else {
-                (first - margin, bounds.1[k].max(last) + margin)
-            };
-            let at = |p: f32| {
-                let t = self.inverse[k] * p;
-                (least::<S>(t + self.near[k], lanes), largest::<S>(t + self.far[k], lanes))
-            };
-            let ((near_from, far_from), (near_to, far_to)) = (at(from), at(to));
-            let slope = |a: f32, b: f32| (b - a) / (to - from);
-            inverse[k] = slope(near_from, near_to);
-            inverse_far[k] = slope(far_from, far_to);
-            // What rounding takes from the ends of the chords, and from the constants.
-            let ends = near_from.abs().max(near_to.abs()).max(far_from.abs()).max(far_to.abs());
-            let slack = 1e-5 * ends + 1e-6 * reach * largest::<S>(self.inverse[k].abs(), lanes);
-            near[k] = near_from - inverse[k] * from - slack;
-            far[k] = far_from - inverse_far[k] * from + slack;
-        }
-        SingleRay::beam([inverse, near, inverse_far, far], down)
     }
 
     /// One corner in the rays' frames.
@@ -326,21 +260,6 @@ impl<'a> Packet<'a> {
         let sizes = (self.largest.lane(lane), self.reach.lane(lane));
         SingleRay::usual(self.ray.o.map(|x| x.lane(lane)), self.ray.d.map(|x| x.lane(lane)), sizes)
     }
-
-    /// Where the lanes enter and leave a child's box.
-    #[inline(always)]
-    fn enter(&self, node: &Node, slot: usize, limit: F32x16) -> (Mask16, F32x16) {
-        let mut enter = F32x16::zero();
-        let mut leave = limit;
-        for k in 0..3 {
-            let (lo, hi) = (F32x16::splat(node.planes[2 * k][slot]), F32x16::splat(node.planes[2 * k + 1][slot]));
-            let near = F32x16::select(self.down[k], hi, lo).mul_add(self.inverse[k], self.near[k]);
-            let far = F32x16::select(self.down[k], lo, hi).mul_add(self.inverse[k], self.far[k]);
-            enter = near.max(enter);
-            leave = (far * ONE_PLUS).min(leave);
-        }
-        (enter.le(leave), enter)
-    }
 }
 
 /// The largest of some lanes.
@@ -393,6 +312,84 @@ fn lanes(mask: Mask16) -> impl Iterator<Item = usize> {
             lane & 15
         })
     })
+}
+
+impl<'a> Slabs<'a> {
+    #[inline(always)]
+    fn new(packet: &'a Packet) -> Self {
+        let least = packet.largest * SingleRay::FLAT;
+        let error = packet.reach * SingleRay::POSITION_ERROR;
+        let sign = Index16::splat(0x8000_0000);
+        let zero = [F32x16::zero(); 3];
+        let mut slabs = Self { packet, inverse: zero, near: zero, far: zero, down: [Mask16::splat(false); 3] };
+        for k in 0..3 {
+            let d = packet.ray.d[k];
+            let inverse = F32x16::one() / d.abs().max(least);
+            let signed = inverse.copy_sign(d);
+            let center = -(packet.ray.o[k] * signed);
+            slabs.inverse[k] = signed;
+            slabs.near[k] = center - error * inverse;
+            slabs.far[k] = center + error * inverse;
+            slabs.down[k] = (d.to_bits() & sign).eq(sign);
+        }
+        slabs
+    }
+
+    /// A ray that enters no box later and leaves none earlier than any of the lanes does, for boxes within `bounds`.
+    ///
+    /// Along an axis that all go the same way, the least of their distances to a plane is a concave function of its
+    /// place, and no less than its chord; the largest is convex, and no more than its chord. The chords go from behind
+    /// all origins to the farther bound. Rays that go both ways leave the axis out.
+    fn beam<S: Simd>(&self, lanes: Mask16, bounds: &([f32; 3], [f32; 3])) -> SingleRay {
+        let (mut inverse, mut near) = ([0.0; 3], [f32::NEG_INFINITY; 3]);
+        let (mut inverse_far, mut far) = ([0.0; 3], [f32::INFINITY; 3]);
+        let mut down = [false; 3];
+        let reach = largest::<S>(self.packet.reach, lanes);
+        let margin = reach * 1e-3;
+        for k in 0..3 {
+            let all_down = (self.down[k] & lanes).bits();
+            if all_down != 0 && all_down != lanes.bits() {
+                continue;
+            }
+            down[k] = all_down != 0;
+            let (first, last) = (least::<S>(self.packet.ray.o[k], lanes), largest::<S>(self.packet.ray.o[k], lanes));
+            // From before all origins, beyond all rounding.
+            let (from, to) = if down[k] {
+                (last + margin, bounds.0[k].min(first) - margin)
+            } else {
+                (first - margin, bounds.1[k].max(last) + margin)
+            };
+            let at = |p: f32| {
+                let t = self.inverse[k] * p;
+                (least::<S>(t + self.near[k], lanes), largest::<S>(t + self.far[k], lanes))
+            };
+            let ((near_from, far_from), (near_to, far_to)) = (at(from), at(to));
+            let slope = |a: f32, b: f32| (b - a) / (to - from);
+            inverse[k] = slope(near_from, near_to);
+            inverse_far[k] = slope(far_from, far_to);
+            // What rounding takes from the ends of the chords, and from the constants.
+            let ends = near_from.abs().max(near_to.abs()).max(far_from.abs()).max(far_to.abs());
+            let slack = 1e-5 * ends + 1e-6 * reach * largest::<S>(self.inverse[k].abs(), lanes);
+            near[k] = near_from - inverse[k] * from - slack;
+            far[k] = far_from - inverse_far[k] * from + slack;
+        }
+        SingleRay::beam([inverse, near, inverse_far, far], down)
+    }
+
+    /// Where the lanes enter and leave a child's box.
+    #[inline(always)]
+    fn enter(&self, node: &Node, slot: usize, limit: F32x16) -> (Mask16, F32x16) {
+        let mut enter = F32x16::zero();
+        let mut leave = limit;
+        for k in 0..3 {
+            let (lo, hi) = (F32x16::splat(node.planes[2 * k][slot]), F32x16::splat(node.planes[2 * k + 1][slot]));
+            let near = F32x16::select(self.down[k], hi, lo).mul_add(self.inverse[k], self.near[k]);
+            let far = F32x16::select(self.down[k], lo, hi).mul_add(self.inverse[k], self.far[k]);
+            enter = near.max(enter);
+            leave = (far * ONE_PLUS).min(leave);
+        }
+        (enter.le(leave), enter)
+    }
 }
 
 /// The corners of a small tree in the rays' frames. Triangles share most of them.
@@ -565,15 +562,15 @@ struct Entry {
 #[inline(never)]
 pub(crate) fn closest<S: Simd, const PREFETCH: bool, K: Filter>(
     tree: &Tree,
-    packet: &mut Packet,
+    packet: &Packet,
     active: Mask16,
     instance: u32,
     filter: &K,
 ) -> Bests {
     let mut best = Bests::up_to(packet.ray.tmax);
     let Some(root) = tree.root() else { return best };
-    packet.prepare_boxes();
-    let beam = packet.beam::<S>(active, &tree.bounds);
+    let slabs = Slabs::new(packet);
+    let beam = slabs.beam::<S>(active, &tree.bounds);
     // No nearest hit so far is farther.
     let mut farthest = largest::<S>(best.t, active);
     let all = active;
@@ -599,7 +596,7 @@ pub(crate) fn closest<S: Simd, const PREFETCH: bool, K: Filter>(
                     while mask != 0 {
                         let slot = mask.trailing_zeros() as usize & 7;
                         mask &= mask - 1;
-                        let (entered, enter) = packet.enter(node, slot, limit);
+                        let (entered, enter) = slabs.enter(node, slot, limit);
                         let entered = entered & active;
                         if entered.none() {
                             continue;
@@ -670,14 +667,14 @@ pub(crate) fn closest<S: Simd, const PREFETCH: bool, K: Filter>(
 #[inline(never)]
 pub(crate) fn occluded<S: Simd, K: Filter>(
     tree: &Tree,
-    packet: &mut Packet,
+    packet: &Packet,
     active: Mask16,
     instance: u32,
     filter: &K,
 ) -> Stopped {
     let nothing = Mask16::splat(false);
     let Some(root) = tree.root() else { return Stopped { hit: nothing, again: nothing } };
-    packet.prepare_boxes();
+    let slabs = Slabs::new(packet);
     let solid = Solid { instance, filter };
     let mut singles = Singles::new();
     let mut places: [MaybeUninit<(Child, u32)>; STACK] = [const { MaybeUninit::uninit() }; STACK];
@@ -699,7 +696,7 @@ pub(crate) fn occluded<S: Simd, K: Filter>(
                     // SAFETY: `Tree::new` has checked every child.
                     let node = unsafe { tree.nodes().get_unchecked(index as usize) };
                     for slot in 0..8 {
-                        let (entered, _) = packet.enter(node, slot, limit);
+                        let (entered, _) = slabs.enter(node, slot, limit);
                         let bits = (entered & active).bits();
                         if bits != 0 {
                             let child = node.children[slot];

@@ -47,26 +47,22 @@ impl Query for F32x16 {
                 let (packet, fit, unusual) = Packet::new(ray, mask, tree.extent);
                 let found = packet::scan_closest(tree, &packet, fit, instance, filter);
                 let alone = unusual | found.again;
-                let mut hit = found.hit(instance);
-                each_closest(accel, ray, alone, filter, &mut hit);
-                return hit;
+                let hit = found.hit(instance);
+                return if alone.any() { each_closest(accel, ray, alone, filter, &hit) } else { hit };
             }
             if coherent {
-                let (mut packet, fit, unusual) = Packet::new(ray, mask, tree.extent);
+                let (packet, fit, unusual) = Packet::new(ray, mask, tree.extent);
                 let found = if tree.large {
-                    packet::closest::<Native, true, K>(tree, &mut packet, fit, instance, filter)
+                    packet::closest::<Native, true, K>(tree, &packet, fit, instance, filter)
                 } else {
-                    packet::closest::<Native, false, K>(tree, &mut packet, fit, instance, filter)
+                    packet::closest::<Native, false, K>(tree, &packet, fit, instance, filter)
                 };
                 let alone = unusual | found.again;
-                let mut hit = found.hit(instance);
-                each_closest(accel, ray, alone, filter, &mut hit);
-                return hit;
+                let hit = found.hit(instance);
+                return if alone.any() { each_closest(accel, ray, alone, filter, &hit) } else { hit };
             }
         }
-        let mut hit = no_hit(ray.tmax);
-        each_closest(accel, ray, mask, filter, &mut hit);
-        hit
+        each_closest(accel, ray, mask, filter, &no_hit(ray.tmax))
     }
 
     fn occluded<K: Filter>(accel: &Accel, ray: &Ray<Self>, mask: Mask16, filter: &K) -> Mask16 {
@@ -79,8 +75,8 @@ impl Query for F32x16 {
                 return if alone.any() { found.hit | each_occluded(accel, ray, alone, filter) } else { found.hit };
             }
             if tree.is_small() {
-                let (mut packet, fit, unusual) = Packet::new(ray, mask, tree.extent);
-                let found = packet::occluded::<Native, K>(tree, &mut packet, fit, instance, filter);
+                let (packet, fit, unusual) = Packet::new(ray, mask, tree.extent);
+                let found = packet::occluded::<Native, K>(tree, &packet, fit, instance, filter);
                 let alone = unusual | found.again;
                 return if alone.any() { found.hit | each_occluded(accel, ray, alone, filter) } else { found.hit };
             }
@@ -99,12 +95,15 @@ fn in_turns(accel: &Accel) -> Option<f32> {
     }
 }
 
-/// The lanes of `mask`, in turns where that can be.
+/// The lanes of `mask`, in turns where that can be; the others keep what they hit before.
 #[inline]
-fn each_closest<K: Filter>(accel: &Accel, ray: &Ray<F32x16>, mask: Mask16, filter: &K, hit: &mut Hit<F32x16>) {
-    if mask.none() {
-        return;
-    }
+fn each_closest<K: Filter>(
+    accel: &Accel,
+    ray: &Ray<F32x16>,
+    mask: Mask16,
+    filter: &K,
+    hit: &Hit<F32x16>,
+) -> Hit<F32x16> {
     let mut hits = Hits {
         t: store(hit.t),
         u: store(hit.u),
@@ -136,8 +135,13 @@ fn each_closest<K: Filter>(accel: &Accel, ray: &Ray<F32x16>, mask: Mask16, filte
         each(left.bits(), |i| hits.set(i, &closest::<Native, K>(accel, &one(i), filter)));
     }
     let words = |x: &[u32; 16]| F32x16::load(&x.map(f32::from_bits)).to_bits();
-    (hit.t, hit.u, hit.v) = (F32x16::load(&hits.t), F32x16::load(&hits.u), F32x16::load(&hits.v));
-    (hit.primitive, hit.instance) = (words(&hits.primitive), words(&hits.instance));
+    Hit {
+        t: F32x16::load(&hits.t),
+        u: F32x16::load(&hits.u),
+        v: F32x16::load(&hits.v),
+        primitive: words(&hits.primitive),
+        instance: words(&hits.instance),
+    }
 }
 
 /// The nearest hits among instances, in turns.
