@@ -13,6 +13,15 @@ mod mask;
 #[cfg_attr(not(target_feature = "avx2"), path = "x16/moves_portable.rs")]
 mod moves;
 
+/// For reversing bits: what the lower half of a byte becomes, what the upper half does, and where the bytes of four words
+/// go.
+#[cfg(target_feature = "avx2")]
+const REVERSAL: [[u8; 16]; 3] = [
+    [0, 128, 64, 192, 32, 160, 96, 224, 16, 144, 80, 208, 48, 176, 112, 240],
+    [0, 8, 4, 12, 2, 10, 6, 14, 1, 9, 5, 13, 3, 11, 7, 15],
+    [3, 2, 1, 0, 7, 6, 5, 4, 11, 10, 9, 8, 15, 14, 13, 12],
+];
+
 /// Sixteen truth values.
 #[derive(Clone, Copy, Debug)]
 #[repr(transparent)]

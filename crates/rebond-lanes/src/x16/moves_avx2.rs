@@ -1,5 +1,6 @@
 //! Moving bits, lanes and records with AVX2.
 
+use super::REVERSAL;
 use crate::Record;
 use std::arch::x86_64::{
     __m256, __m256i, _mm_load_ps, _mm_loadl_epi64, _mm_loadu_si128, _mm256_and_si256, _mm256_broadcastsi128_si256,
@@ -13,15 +14,11 @@ use wide::{f32x16, u32x16};
 /// The bits of every lane in reverse order.
 #[inline(always)]
 pub(super) fn reverse_bits(x: u32x16) -> u32x16 {
-    // Half a byte reversed, as the lower and as the upper half; the bytes of four words reversed.
-    const LOW: [u8; 16] = [0, 8, 4, 12, 2, 10, 6, 14, 1, 9, 5, 13, 3, 11, 7, 15];
-    const HIGH: [u8; 16] = [0, 128, 64, 192, 32, 160, 96, 224, 16, 144, 80, 208, 48, 176, 112, 240];
-    const BYTES: [u8; 16] = [3, 2, 1, 0, 7, 6, 5, 4, 11, 10, 9, 8, 15, 14, 13, 12];
     // SAFETY: AVX2 is there (cfg); sixteen bytes are read from sixteen; any 64 bytes are two `__m256i` and sixteen
     // integers.
     unsafe {
         let everywhere = |bytes: &[u8; 16]| _mm256_broadcastsi128_si256(_mm_loadu_si128(bytes.as_ptr().cast()));
-        let (low, high, bytes) = (everywhere(&HIGH), everywhere(&LOW), everywhere(&BYTES));
+        let [low, high, bytes] = REVERSAL.each_ref().map(everywhere);
         let half = _mm256_set1_epi8(15);
         let eight = |x: __m256i| {
             let low = _mm256_shuffle_epi8(low, _mm256_and_si256(x, half));

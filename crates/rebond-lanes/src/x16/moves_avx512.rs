@@ -1,5 +1,6 @@
 //! Moving bits, lanes and records with AVX-512.
 
+use super::REVERSAL;
 use crate::Record;
 use std::arch::x86_64::{
     __m512, __m512i, _mm_load_ps, _mm_loadu_si128, _mm512_and_si512, _mm512_broadcast_i32x4, _mm512_castpd_ps,
@@ -12,20 +13,17 @@ use wide::{f32x16, u32x16};
 /// The bits of every lane in reverse order.
 #[inline(always)]
 pub(super) fn reverse_bits(x: u32x16) -> u32x16 {
-    // Half a byte reversed, as the lower and as the upper half; the bytes of four words reversed.
-    const LOW: [u8; 16] = [0, 8, 4, 12, 2, 10, 6, 14, 1, 9, 5, 13, 3, 11, 7, 15];
-    const HIGH: [u8; 16] = [0, 128, 64, 192, 32, 160, 96, 224, 16, 144, 80, 208, 48, 176, 112, 240];
-    const BYTES: [u8; 16] = [3, 2, 1, 0, 7, 6, 5, 4, 11, 10, 9, 8, 15, 14, 13, 12];
     // SAFETY: AVX-512BW, and with it F, is there (cfg); sixteen bytes are read from sixteen; any 64 bytes are a
     // `__m512i` and sixteen integers.
     unsafe {
         let everywhere = |bytes: &[u8; 16]| _mm512_broadcast_i32x4(_mm_loadu_si128(bytes.as_ptr().cast()));
         let x = std::mem::transmute::<[u32; 16], __m512i>(*x.as_array());
         let half = _mm512_set1_epi8(15);
-        let low = _mm512_shuffle_epi8(everywhere(&HIGH), _mm512_and_si512(x, half));
-        let high = _mm512_shuffle_epi8(everywhere(&LOW), _mm512_and_si512(_mm512_srli_epi32::<4>(x), half));
-        let bytes = _mm512_shuffle_epi8(_mm512_or_si512(low, high), everywhere(&BYTES));
-        u32x16::new(std::mem::transmute::<__m512i, [u32; 16]>(bytes))
+        let [low, high, bytes] = REVERSAL.each_ref().map(everywhere);
+        let low = _mm512_shuffle_epi8(low, _mm512_and_si512(x, half));
+        let high = _mm512_shuffle_epi8(high, _mm512_and_si512(_mm512_srli_epi32::<4>(x), half));
+        let reversed = _mm512_shuffle_epi8(_mm512_or_si512(low, high), bytes);
+        u32x16::new(std::mem::transmute::<__m512i, [u32; 16]>(reversed))
     }
 }
 
