@@ -244,10 +244,10 @@ fn is_unbiased(source: &SceneSource, reference: &Film, sampler: SamplerSettings)
         .iter()
         .map(|f| {
             let errors = f.pixels().iter().zip(reference.pixels());
-            errors.map(|(a, b)| (a.mean()[1] - b.mean()[1]).powi(2) - a.moments(1).variance_of_mean()).sum()
+            errors.map(|(a, b)| (a.mean()[1] - b.mean()[1]).powi(2) - a.moments()[1].variance_of_mean()).sum()
         })
         .collect();
-    let noise: f64 = reference.pixels().iter().map(|p| p.moments(1).variance_of_mean()).sum();
+    let noise: f64 = reference.pixels().iter().map(|p| p.moments()[1].variance_of_mean()).sum();
     assert!(stated.p_value(noise) > LEVEL, "{stated:?} for {noise}");
 }
 

@@ -197,7 +197,7 @@ fn experiments(workshop: &Workshop, stage: &Stage, picture: &Image, out: &mut Fi
         stage,
         &Shot::new(&integrator("cosine"), workshop.pick([10_000, 1_000_000, 10_000_000])).independent(77).of(occluded),
     )?;
-    let truth = reference.0.pixels()[0].moments(1);
+    let truth = reference.0.pixels()[0].moments()[1];
     let mut measured = Vec::new();
     for (name, pixel, expected) in [("occluded", occluded, truth.mean()), ("open", open, 1.0)] {
         let (mut curves, mut bands) = (Vec::new(), Vec::new());
@@ -280,7 +280,7 @@ fn growing(
     let (mut points, mut end, mut first) = (Vec::new(), Moments::default(), 0);
     for n in steps() {
         let shot = Shot { samples: first..n, ..Shot::new(integrator, n).independent(seed).of(pixel) };
-        end.merge(&workshop.film(stage, &shot)?.0.pixels()[0].moments(1));
+        end.merge(&workshop.film(stage, &shot)?.0.pixels()[0].moments()[1]);
         points.push([f64::from(n), end.mean()]);
         first = n;
     }

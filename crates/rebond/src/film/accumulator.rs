@@ -177,9 +177,10 @@ impl Pixel {
         })
     }
 
-    /// What is known of a channel's expectation.
-    pub fn moments(&self, channel: usize) -> Moments {
-        Moments::new(self.effective_samples().round() as u64, self.mean()[channel], self.variance()[channel])
+    /// What is known of each channel's expectation.
+    pub fn moments(&self) -> [Moments; 3] {
+        let (n, mean, variance) = (self.effective_samples().round() as u64, self.mean(), self.variance());
+        std::array::from_fn(|c| Moments::new(n, mean[c], variance[c]))
     }
 }
 
@@ -278,7 +279,10 @@ impl Film {
 
     fn sheet<'a>(&'a self, number: usize, pixels: &'a [Pixel]) -> impl Iterator<Item = Value> + 'a {
         pixels.iter().enumerate().map(move |(i, own)| {
-            let of = |p: &Pixel| (p.mean(), std::array::from_fn::<_, 3, _>(|c| p.moments(c).variance_of_mean()));
+            let of = |p: &Pixel| {
+                let moments = p.moments();
+                (moments.map(|m| m.mean()), moments.map(|m| m.variance_of_mean()))
+            };
             let (mean, variance) = of(own);
             let Some(splatted) = self.splats.pixel(number, i) else { return Value { mean, variance } };
             let more = of(&splatted);
