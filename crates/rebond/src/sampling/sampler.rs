@@ -215,10 +215,7 @@ impl<F: Real> Stream<F> {
                 let shuffled = || laine_karras(self.index.reverse_bits(), h).reverse_bits();
                 let point = match place {
                     Place::Pixel => self.index,
-                    Place::Bounce(number, n) if n / 2 < PAIRS => {
-                        let (point, early) = order::of_bounce::<F>(self.index, number);
-                        F::Index::select(early, point, shuffled())
-                    }
+                    Place::Bounce(number, n) if n / 2 < PAIRS => order::of_bounce::<F>(self.index, number, shuffled),
                     _ => shuffled(),
                 };
                 let h2 = mix(h);
