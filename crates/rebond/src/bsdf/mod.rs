@@ -290,15 +290,17 @@ impl<F: Real> Bsdf<'static, F> {
         };
         Self { model, present, lobe, frame, ng, tables: &measured::NO_TABLES }
     }
-}
 
-impl<F: Real> Bsdf<'_, F> {
     /// The same with tables; the first parameter of a measured model holds the bits of its table's number.
     #[inline(always)]
     pub fn with_tables(self, tables: &Tables) -> Bsdf<'_, F> {
-        Bsdf { tables, ..self }
+        let mut bsdf: Bsdf<'_, F> = self;
+        bsdf.tables = tables;
+        bsdf
     }
+}
 
+impl<F: Real> Bsdf<'_, F> {
     /// The shading normal.
     pub fn normal(&self) -> Vec3<F> {
         self.frame.n
@@ -358,13 +360,13 @@ impl<F: Real> Bsdf<'_, F> {
     /// Calls `f` for each model present, with its lanes.
     #[inline(always)]
     fn each_model(&self, mask: F::Mask, mut f: impl FnMut(Model, F::Mask)) {
-        if self.present.is_power_of_two() {
-            return f(Model::ALL[self.present.trailing_zeros() as usize], mask);
-        }
-        for model in Model::ALL {
-            if self.present >> model as u32 & 1 == 1 {
-                f(model, mask & self.model.eq(F::Index::splat(model as u32)));
-            }
+        let single = self.present.is_power_of_two();
+        let mut left = self.present;
+        while left != 0 {
+            let model = left.trailing_zeros();
+            left &= left - 1;
+            let lanes = if single { mask } else { mask & self.model.eq(F::Index::splat(model)) };
+            f(Model::ALL[model as usize], lanes);
         }
     }
 
@@ -482,28 +484,7 @@ impl<F: Real> Bsdf<'_, F> {
         let mask = mask & self.consistent(known, a.z);
         let mut sample = BsdfSample::failed();
         self.each_model(mask, |model, lanes| {
-            let s = match model {
-                Model::Diffuse => diffuse::sample(&self.lobe, a, u),
-                Model::Mirror => mirror::sample(&self.lobe, a),
-                Model::Dielectric => dielectric::sample(&self.lobe, a, choice(), mode),
-                Model::Conductor => conductor::sample(&self.lobe, a),
-                Model::RoughDielectric => rough_dielectric::sample(&self.lobe, a, u, choice(), mode),
-                Model::RoughConductor => rough_conductor::sample(&self.lobe, a, u),
-                Model::Phong => phong::sample(&self.lobe, a, u),
-                Model::PhongLecture => phong::sample_lecture(&self.lobe, a, u, mode),
-                Model::BlinnPhong => blinn_phong::sample(&self.lobe, a, u),
-                Model::BlinnPhongLecture => blinn_phong::sample_lecture(&self.lobe, a, u),
-                Model::OrenNayar => oren_nayar::sample(&self.lobe, a, u),
-                Model::AshikhminShirley => ashikhmin_shirley::sample(&self.lobe, a, u, choice()),
-                Model::ThinDielectric => thin_dielectric::sample(&self.lobe, a, choice()),
-                Model::Plastic => plastic::sample(&self.lobe, a, u, choice()),
-                Model::CompensatedConductor => compensated_conductor::sample(&self.lobe, a, u, choice()),
-                Model::Principled => principled::sample(self.lobe, a, u, choice(), mode),
-                Model::PrincipledThin => principled_thin::sample(self.lobe, a, u, choice()),
-                Model::Angles | Model::HalfDifference | Model::Adaptive => {
-                    self.tables.sample(model, self.lobe.p[0], a, u, choice(), mode)
-                }
-            };
+            let s = self.sample_model(model, a, u, &choice, mode);
             sample = if lanes.all() { s } else { BsdfSample::select(lanes, s, sample) };
         });
         let (z, w) = (sample.w.z, self.frame.to_world(sample.w));
@@ -511,6 +492,56 @@ impl<F: Real> Bsdf<'_, F> {
         sample.w = w;
         sample.weight = sample.weight.masked(good) * self.adjoint(mode, known, a.z, w, z);
         sample
+    }
+
+    /// What one model draws, in local directions; see [`Bsdf::eval_model`].
+    #[inline(always)]
+    fn sample_model(
+        &self,
+        model: Model,
+        a: Vec3<F>,
+        u: [F; 2],
+        choice: impl Fn() -> F,
+        mode: TransportMode,
+    ) -> BsdfSample<F> {
+        if model == Model::Diffuse {
+            diffuse::sample(&self.lobe, a, u)
+        } else {
+            self.sample_other(model, a, u, choice, mode)
+        }
+    }
+
+    #[inline(never)]
+    fn sample_other(
+        &self,
+        model: Model,
+        a: Vec3<F>,
+        u: [F; 2],
+        choice: impl Fn() -> F,
+        mode: TransportMode,
+    ) -> BsdfSample<F> {
+        match model {
+            Model::Diffuse => diffuse::sample(&self.lobe, a, u),
+            Model::Mirror => mirror::sample(&self.lobe, a),
+            Model::Dielectric => dielectric::sample(&self.lobe, a, choice(), mode),
+            Model::Conductor => conductor::sample(&self.lobe, a),
+            Model::RoughDielectric => rough_dielectric::sample(&self.lobe, a, u, choice(), mode),
+            Model::RoughConductor => rough_conductor::sample(&self.lobe, a, u),
+            Model::Phong => phong::sample(&self.lobe, a, u),
+            Model::PhongLecture => phong::sample_lecture(&self.lobe, a, u, mode),
+            Model::BlinnPhong => blinn_phong::sample(&self.lobe, a, u),
+            Model::BlinnPhongLecture => blinn_phong::sample_lecture(&self.lobe, a, u),
+            Model::OrenNayar => oren_nayar::sample(&self.lobe, a, u),
+            Model::AshikhminShirley => ashikhmin_shirley::sample(&self.lobe, a, u, choice()),
+            Model::ThinDielectric => thin_dielectric::sample(&self.lobe, a, choice()),
+            Model::Plastic => plastic::sample(&self.lobe, a, u, choice()),
+            Model::CompensatedConductor => compensated_conductor::sample(&self.lobe, a, u, choice()),
+            Model::Principled => principled::sample(self.lobe, a, u, choice(), mode),
+            Model::PrincipledThin => principled_thin::sample(self.lobe, a, u, choice()),
+            Model::Angles | Model::HalfDifference | Model::Adaptive => {
+                self.tables.sample(model, self.lobe.p[0], a, u, choice(), mode)
+            }
+        }
     }
 }
 
