@@ -145,8 +145,9 @@ macro_rules! path_state {
                 $(let $real = next();)*
                 $(let $index = next().to_bits();)*
                 let nothing = F::Index::splat(0);
-                let path = Self { stream: sampler.stream(nothing, nothing), $($real,)* $($index,)* };
-                Self { stream: sampler.stream(path.pixel, path.sample), ..path }
+                let mut path = Self { stream: sampler.stream(nothing, nothing), $($real,)* $($index,)* };
+                path.stream = sampler.stream(path.pixel, path.sample);
+                path
             }
 
             /// Writes the paths of `mask` side by side at `at`; returns how many they are.

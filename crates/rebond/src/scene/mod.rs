@@ -419,12 +419,10 @@ impl Scene {
             let (a, b) = (record(material, 2), record(material, 3));
             [a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3], first[3]]
         };
-        let lobe = Lobe { color, p };
-        let lobe = if self.features.varied {
-            self.varied.apply(&self.tables(), head[2], Place::of(surface), lobe, mask)
-        } else {
-            lobe
-        };
+        let mut lobe = Lobe { color, p };
+        if self.features.varied {
+            lobe = self.varied.apply(&self.tables(), head[2], Place::of(surface), lobe, mask);
+        }
         Bsdf::new(head[0], self.features.models, lobe, frame, ng, mask).with_tables(&self.measured)
     }
 
