@@ -150,7 +150,7 @@ def reference(scene, args, worker, run_rebond):
             if name == "rebond":
                 picture = run_rebond(REFERENCE_SEED, args.reference_spp)[-1]
             else:
-                runs = max(1, args.reference_spp // REFERENCE_RUN)
+                runs = args.reference_spp // REFERENCE_RUN
                 spp = args.reference_spp // runs
                 picture = sum(worker.render(REFERENCE_SEED + i, spp)[-1] for i in range(runs)) / runs
             CACHE.mkdir(exist_ok=True)

@@ -5,8 +5,8 @@ Embree's shared library comes from the PyPI package `embreex`, installed into a 
 benchmark alone loads it. Needs Linux on x86-64, a Rust toolchain and a quiet machine. Further arguments go to the
 program: `--scene NAME`, `--repeat N`, `--side PIXELS`, `--curve`, `--ours`, `--preset NAME`.
 
-`--builds` times building instead: every build in a process of its own, which keeps to its number of threads and gets all of
-its memory from the system, in turns.
+`--builds` times building instead, of the land or of `--scene NAME`, `--repeat N` times: every build in a process of its
+own, which keeps to its number of threads and reuses nothing of builds before it, in turns.
 """
 
 import datetime
@@ -44,6 +44,8 @@ def run(*arguments: str) -> str:
 
 def builds(scene: str, repeat: int) -> str:
     """A table of build times: medians and least, by the clock and of the processor."""
+    if scene not in ("cornell", "bunny", "dragon", "land") or repeat < 1:
+        raise SystemExit("run.py --builds: give --scene cornell, bunny, dragon or land, and --repeat at least 1")
     names = ("embree medium", "fast", "default", "embree high", "quality")
     seconds = {f"{name} {threads}": [] for threads in (1, 2) for name in names}
     for _ in range(repeat):

@@ -510,6 +510,47 @@ mod tests {
         assert_eq!((occluded(1.001), occluded(0.999)), (lanes, 0));
     }
 
+    /// Where the ways down two trees do not fit into one stack, rays go by themselves and find the same.
+    #[test]
+    #[cfg_attr(miri, ignore)]
+    fn deep_trees_among_deep_trees() {
+        let size = |i: u16, n: u16| (-60.0 * f32::from(i) / f32::from(n)).exp2();
+        let mut geometry = Geometry::default();
+        for s in (0..2000).map(|i| size(i, 2000)) {
+            let first = geometry.positions.len() as u32;
+            geometry.positions.extend([[0.0; 3], [s, s, 0.0], [s, 0.0, s / 2.0]]);
+            geometry.triangles.push([first, first + 1, first + 2]);
+        }
+        let scaled = |s: f32| [[s, 0.0, 0.0, 0.0], [0.0, s, 0.0, 0.0], [0.0, 0.0, s, 0.0]];
+        let placed = |i| Instance { geometry: 0, keyframes: vec![(0.0, scaled(size(i, 400)))] };
+        let instances = (0..400).map(placed).collect();
+        let (accel, _) = Accel::build(vec![geometry], instances, &BuildOptions::default()).unwrap();
+        assert!(matches!(&accel.world, World::Many(slices) if !slices.in_turns));
+        let mut hits = 0;
+        for round in 0..20 {
+            let s = size(round, 20);
+            let along = |k: usize| {
+                F32x16::load(&std::array::from_fn::<f32, 16, _>(|i| s * [0.9, 0.3, 0.1][k] + 0.01 * s * i as f32))
+            };
+            let o = [along(0), along(1), F32x16::splat(-s)];
+            let d = [F32x16::zero(), F32x16::zero(), F32x16::one()];
+            let wide = Ray { o, d, tmax: F32x16::splat(f32::INFINITY), time: F32x16::zero() };
+            let hit = accel.closest(&wide, Mask16::splat(true), false);
+            let dark = accel.occluded(&wide, Mask16::splat(true)).bits();
+            for i in 0..16 {
+                let ray = Ray { o: o.map(|x| x.lane(i)), d: [0.0, 0.0, 1.0], tmax: f32::INFINITY, time: 0.0 };
+                let one = closest::<Native, _>(&accel, &ray, &Everything);
+                assert_eq!(
+                    (one.t, one.primitive, one.instance),
+                    (hit.t.lane(i), hit.primitive.lane(i), hit.instance.lane(i))
+                );
+                assert_eq!(dark >> i & 1 == 1, one.primitive != MISS);
+                hits += u32::from(one.primitive != MISS);
+            }
+        }
+        assert!(hits > 100, "{hits}");
+    }
+
     /// The arrays' kernel, the packets and the look at everything find the same; nothing gets out.
     #[test]
     fn all_paths_agree() {

@@ -22,7 +22,7 @@ pub(crate) struct Tree {
     corners: Vec<[f32; 3]>,
     /// Bounds of everything; lower above upper if there is nothing.
     pub bounds: ([f32; 3], [f32; 3]),
-    /// Places of a stack that no way down needs more of.
+    /// Places of a stack that no way down needs more of, with eight to spare.
     pub places: usize,
     /// Largest absolute coordinate of the bounds.
     pub extent: f32,

@@ -62,6 +62,7 @@ impl Walk {
         // Not taken from the stack if it was just written there: it takes long to come back.
         self.current = select_unpredictable(n > 0, nearest, self.last());
         let len = self.len;
+        debug_assert!(len + 8 <= PLACES);
         self.len = len + n - 1;
         // SAFETY: there is room for the lowest place, for all pushes on the way, and for eight more; see `PLACES`.
         unsafe { self.places.as_mut_ptr().add(len).cast::<[u32; 8]>().write_unaligned(children) };
@@ -70,6 +71,7 @@ impl Walk {
     /// Goes down from an instance's `root`, and out of it when that is done.
     #[inline(always)]
     fn enter(&mut self, root: Child) {
+        debug_assert!(self.len < PLACES);
         // SAFETY: there is room for the places of both trees and this one between them; see `Slices::in_turns`.
         unsafe { self.places.get_unchecked_mut(self.len) }.write(Child::OUT.0);
         self.len += 1;

@@ -49,14 +49,13 @@ pub(crate) trait Primitives: Sync {
 }
 
 /// The arrays of the wide tree.
-#[derive(Default)]
 pub(crate) struct Wide {
     pub nodes: Vec<Node>,
     pub blocks: Vec<Block>,
     pub shapes: Vec<Shape>,
 }
 
-/// `nodes` has its root first and children behind parents.
+/// `nodes` has its root first and children behind parents, all of the left side's before the right side's.
 pub(crate) fn collapse(
     nodes: &[Binary],
     references: &[Reference],
@@ -84,8 +83,8 @@ pub(crate) fn plan(nodes: &[Binary], references: &[Reference], primitives: &impl
     (plans, costs[0])
 }
 
-/// The same for the subtree that `nodes` hold, the first of which has the number `base`: the left side's lie behind it,
-/// and the right side's behind those.
+/// The same for the subtree that `nodes` hold, the first of which has the number `base`: children lie behind their
+/// parents, all of the left side's before the right side's. Returns what its root costs.
 fn plan_subtree(
     nodes: &[Binary],
     base: u32,
@@ -94,25 +93,37 @@ fn plan_subtree(
     primitives: &impl Primitives,
 ) -> Costs {
     let root = &nodes[0];
-    let area = root.bounds().area();
-    if let Some(count) = root.count() {
-        let only_triangles = primitives.only_triangles()
-            || references[root.left as usize..][..count as usize]
-                .iter()
-                .all(|r| primitives.triangle(r.primitive()).is_some());
-        let cost = area * if only_triangles { BLOCK * count.div_ceil(4) as f32 } else { SHAPE * count as f32 };
-        plans[0] = Plan { left: [0; 7], only_triangles, count };
-        return [cost; 7];
+    if nodes.len() > PARALLEL_PLAN && root.count().is_none() {
+        let (left, right) = ((root.left - base) as usize, (root.right - base) as usize);
+        let (head, tail) = plans.split_at_mut(right);
+        let (left_costs, right_costs) = rayon::join(
+            || plan_subtree(&nodes[left..right], root.left, &mut head[left..], references, primitives),
+            || plan_subtree(&nodes[right..], root.right, tail, references, primitives),
+        );
+        let (plan, costs) = join(root.bounds().area(), (&plans[left], &left_costs), (&plans[right], &right_costs));
+        plans[0] = plan;
+        return costs;
     }
-    let (left, right) = ((root.left - base) as usize, (root.right - base) as usize);
-    let (head, tail) = plans.split_at_mut(right);
-    let mut plan_left = || plan_subtree(&nodes[left..right], root.left, &mut head[left..], references, primitives);
-    let mut plan_right = || plan_subtree(&nodes[right..], root.right, tail, references, primitives);
-    let (left_costs, right_costs) =
-        if nodes.len() > PARALLEL_PLAN { rayon::join(plan_left, plan_right) } else { (plan_left(), plan_right()) };
-    let (plan, costs) = join(area, (&plans[left], &left_costs), (&plans[right], &right_costs));
-    plans[0] = plan;
-    costs
+    // Not by recursion: moved subtrees may make long chains.
+    let mut costs: Vec<Costs> = bytemuck::allocation::zeroed_vec(nodes.len());
+    for (i, node) in nodes.iter().enumerate().rev() {
+        if node.right == 0 {
+            continue; // a place that was not used
+        }
+        let area = node.bounds().area();
+        (plans[i], costs[i]) = if let Some(count) = node.count() {
+            let only_triangles = primitives.only_triangles()
+                || references[node.left as usize..][..count as usize]
+                    .iter()
+                    .all(|r| primitives.triangle(r.primitive()).is_some());
+            let cost = area * if only_triangles { BLOCK * count.div_ceil(4) as f32 } else { SHAPE * count as f32 };
+            (Plan { left: [0; 7], only_triangles, count }, [cost; 7])
+        } else {
+            let side = |child: u32| (&plans[(child - base) as usize], &costs[(child - base) as usize]);
+            join(area, side(node.left), side(node.right))
+        };
+    }
+    costs[0]
 }
 
 /// The plan of a node from those of its children.

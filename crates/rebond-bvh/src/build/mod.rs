@@ -185,7 +185,8 @@ fn tree(mut references: Vec<Reference>, primitives: &impl Primitives, preset: Pr
     if let Some(tree) = Tree::new(wide.nodes, wide.blocks, wide.shapes, root, bounds) {
         return Ok(tree);
     }
-    // Some inputs make trees too deep for the stack; halving by number does not.
+    // Some inputs make trees too deep for the stack; halving by number does not. Cutting leaves room unused.
+    references.retain(|r| !r.bounds.is_empty());
     let nodes = binned::build(&mut references, binned::Shape { leaf: 1, balanced: true, coarse: false });
     let (plans, _) = collapse::plan(&nodes, &references, primitives);
     let (wide, root) = collapse::collapse(&nodes, &references, primitives, &plans);
